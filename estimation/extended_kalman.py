@@ -1,0 +1,103 @@
+"""Extended Kalman filter of a fully measured state, with the gain as an exchangeable part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import Belief, Detection, Innovation, innovate, joseph, symmetrize
+from estimation.state_space import Additive, StateSpace
+from models.process import Prediction, ProcessModel, predict
+
+Array = NDArray[np.float64]
+
+
+class GainLaw(Protocol):
+    """How an innovation is turned into a gain; may remember past innovations in a Detection."""
+
+    def start(self, shape: tuple[int, ...]) -> Detection:
+        """Memory before the first reading, for beliefs of batch shape `shape`."""
+        ...
+
+    def gain(self, innovation: Innovation, detection: Detection) -> tuple[Array, Detection]:
+        """Gain (..., e, m) for this reading, and the memory after it."""
+        ...
+
+
+class KalmanGain:
+    """The gain of least variance, K = P H' S^-1 (McCafferty-Leroux et al. 2024, eq. 14); declares no faults."""
+
+    def start(self, shape: tuple[int, ...]) -> Detection:
+        """Empty memory."""
+        return Detection(np.zeros(shape), np.zeros(shape, dtype=bool), (np.zeros((*shape, 0)),))
+
+    def gain(self, innovation: Innovation, detection: Detection) -> tuple[Array, Detection]:
+        """Kalman's gain as it is."""
+        return innovation.gain, detection._replace(statistic=innovation.nis)
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedFilter:
+    """Predict with a nonlinear model, correct with a reading of the whole state (McCafferty-Leroux et al. 2024, eq. 11-16, C = I).
+
+    With `Additive` coordinates this is the paper's EKF, with `Multiplicative` ones the MEKF of Markley & Crassidis (2014, ch. 6.2).
+    Missing components of a reading are NaN: a wholly missing reading predicts only.
+
+    Attributes:
+      process: model dx/dt = f(x, u) of the state [q, ...], (..., n).
+      process_noise: Q of one step in error coordinates, (..., e, e).
+      measurement_noise: R in error coordinates, (..., e, e).
+      gain: law of the gain.
+      space: error coordinates of the state.
+      prediction: discretisation, `process.predict` or `process.predict_euler`.
+      prior: state (n,) that fills what the first reading misses.
+      prior_variance: variance of that, in error coordinates, (e,).
+    """
+
+    process: ProcessModel
+    process_noise: Array
+    measurement_noise: Array
+    prior: Array
+    prior_variance: Array
+    gain: GainLaw = field(default_factory=KalmanGain)
+    space: StateSpace = field(default_factory=Additive)
+    prediction: Callable[[ProcessModel, Array, Array, float], Prediction] = predict
+
+    def initial(self, measurement: Array) -> Belief:
+        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
+        lead = np.broadcast_shapes(measurement.shape[:-1], self.measurement_noise.shape[:-2])
+        seen = np.broadcast_to(measurement, (*lead, measurement.shape[-1]))
+        mean = np.where(np.isnan(seen), self.prior, seen)
+        zero = self.space.difference(seen, mean)  # NaN where missing, in error coordinates
+        missing = np.isnan(zero)
+        known = ~missing[..., :, None] & ~missing[..., None, :]
+        covariance = np.where(known, self.measurement_noise, 0.0) + (missing * self.prior_variance)[..., None] * np.eye(zero.shape[-1])
+        nothing = np.zeros(lead)
+        dof = np.sum(~missing, axis=-1, dtype=float)
+        return Belief(mean, covariance, np.zeros(zero.shape), nothing, nothing, dof, self.gain.start(lead))
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+
+        Raises:
+          LostDefiniteness: the innovation covariance is not positive definite.
+        """
+        mean, transition = self.prediction(self.process, belief.mean, command, dt)
+        transition = self.space.transition(transition, belief.mean, mean)
+        covariance = symmetrize(transition @ belief.covariance @ transition.swapaxes(-1, -2)) + self.process_noise
+        innovation = innovate(covariance, self.space.difference(measurement, mean), self.measurement_noise)
+        gain, detection = self.gain.gain(innovation, belief.detection)
+        correction = (gain @ innovation.residual[..., None])[..., 0]
+        return Belief(
+            mean=self.space.displace(mean, correction),
+            covariance=joseph(covariance, gain, self.measurement_noise),
+            innovation=innovation.residual,
+            nis=innovation.nis,
+            log_likelihood=innovation.log_likelihood,
+            dof=innovation.dof,
+            detection=detection,
+        )

@@ -1,0 +1,105 @@
+"""What Gaussian filters have in common: the belief, the innovation, the gain and the covariance update."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOG_TWO_PI = float(np.log(2.0 * np.pi))
+
+
+class LostDefiniteness(ArithmeticError):
+    """An innovation covariance is no longer positive definite; `where` is the index of the first such matrix."""
+
+    def __init__(self, where: tuple[int, ...]) -> None:
+        super().__init__(f"innovation covariance {where} is not positive definite")
+        self.where = where
+
+
+class Detection(NamedTuple):
+    """What a fault detector keeps from reading to reading."""
+
+    statistic: Array  # (...,) smoothed normalised innovation squared
+    declared: Flags  # (...,) a fault is declared
+    history: tuple[Array, ...]  # of each detector, (..., readings)
+
+
+class Belief(NamedTuple):
+    """What a Gaussian filter believes after a reading."""
+
+    mean: Array  # (..., n)
+    covariance: Array  # (..., e, e) of the state space's error coordinates
+    innovation: Array  # (..., m) reading minus prediction; zero where the reading is missing
+    nis: Array  # (...,) normalised innovation squared
+    log_likelihood: Array  # (...,) of the reading given the ones before
+    dof: Array  # (...,) components of the reading that were not missing
+    detection: Detection
+
+
+class Innovation(NamedTuple):
+    """A reading set against its prediction."""
+
+    residual: Array  # (..., m)
+    gain: Array  # (..., e, m) Kalman's
+    nis: Array
+    log_likelihood: Array
+    dof: Array
+
+
+def symmetrize(matrix: Array) -> Array:
+    """(M + M') / 2; (..., n, n)."""
+    return 0.5 * (matrix + matrix.swapaxes(-1, -2))
+
+
+def cholesky(matrix: Array) -> Array:
+    """Lower Cholesky factors of (..., n, n); raises LostDefiniteness naming the first matrix that has none."""
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        smallest = np.linalg.eigvalsh(np.nan_to_num(matrix, nan=-1.0))[..., 0]
+        raise LostDefiniteness(tuple(int(i) for i in np.argwhere(smallest <= 0)[0])) from None
+
+
+def innovate(covariance: Array, residual: Array, noise: Array) -> Innovation:
+    """Gain and likelihood of a reading of the whole error state (H = I), by Cholesky factors of S = P + R.
+
+    Components of the residual that are NaN are missing: they get no gain and count nothing.
+
+    Args:
+      covariance: P before the reading, (..., e, e).
+      residual: reading minus prediction, (..., e).
+      noise: R, (..., e, e), block diagonal between components that can go missing apart from each other.
+
+    Raises:
+      LostDefiniteness: S is not positive definite.
+    """
+    missing = np.isnan(residual)
+    predicted = covariance
+    if missing.any():
+        residual = np.where(missing, 0.0, residual)
+        known = np.where(missing, 0.0, 1.0)
+        predicted = covariance * known[..., None, :]  # P H'
+        spread = predicted * known[..., :, None] + noise * known[..., None, :] * known[..., :, None]
+        spread = spread + missing[..., None] * np.eye(residual.shape[-1])  # unit variance, zero residual: no effect
+    else:
+        spread = covariance + noise
+    root = cholesky(spread)
+    right = np.concatenate([predicted.swapaxes(-1, -2), residual[..., None]], axis=-1)
+    white = np.linalg.solve(root, right)
+    whitened, cross = white[..., -1], white[..., :-1]
+    nis = np.einsum("...i,...i->...", whitened, whitened)
+    dof = np.sum(~missing, axis=-1, dtype=float)
+    log_det = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
+    gain = np.linalg.solve(root.swapaxes(-1, -2), cross).swapaxes(-1, -2)
+    return Innovation(residual, gain, nis, -0.5 * (nis + log_det + dof * LOG_TWO_PI), dof)
+
+
+def joseph(covariance: Array, gain: Array, noise: Array) -> Array:
+    """Covariance after a reading with any gain, (I - K) P (I - K)' + K R K' (McCafferty-Leroux et al. 2024, eq. 16; Joseph form)."""
+    keep = np.eye(gain.shape[-1]) - gain
+    return symmetrize(keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2))

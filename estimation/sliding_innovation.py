@@ -1,0 +1,47 @@
+"""Sliding innovation filter: a gain that switches on the size of the innovation and needs no covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import Detection, Innovation
+
+Array = NDArray[np.float64]
+
+
+def sliding_gain(residual: Array, boundary_layer: Array) -> Array:
+    """K = C^+ diag(sat(|innovation| / delta)) with C = I (Gadsden & Al-Shabi 2020, eq. 8; McCafferty-Leroux et al. 2024, eq. 18).
+
+    Inside the boundary layer the gain grows with the innovation; outside it is one and the estimate becomes the reading.
+
+    Args:
+      residual: (..., e), zero where the reading is missing.
+      boundary_layer: delta, (e,), in the units of the residual.
+
+    Returns:
+      (..., e, e).
+    """
+    share = np.minimum(np.abs(residual) / boundary_layer, 1.0)
+    return share[..., None] * np.eye(share.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingGain:
+    """The extended sliding innovation filter's gain at every reading; declares no faults.
+
+    Attributes:
+      boundary_layer: delta, (e,), in the units of the residual.
+    """
+
+    boundary_layer: Array
+
+    def start(self, shape: tuple[int, ...]) -> Detection:
+        """Empty memory."""
+        return Detection(np.zeros(shape), np.zeros(shape, dtype=bool), (np.zeros((*shape, 0)),))
+
+    def gain(self, innovation: Innovation, detection: Detection) -> tuple[Array, Detection]:
+        """Saturated gain, blind to the covariance."""
+        return sliding_gain(innovation.residual, self.boundary_layer), detection._replace(statistic=innovation.nis)

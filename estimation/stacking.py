@@ -1,0 +1,66 @@
+"""Filters of one kind stepped as one: their beliefs share a leading axis and differ in noise and gain law alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.extended_kalman import ExtendedFilter, GainLaw
+from estimation.gaussian import Detection, Innovation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StackedGain:
+    """Gain laws of filters that are stacked along the first axis; each law sees its own slice.
+
+    Attributes:
+      laws: one law a filter.
+    """
+
+    laws: tuple[GainLaw, ...]
+
+    def start(self, shape: tuple[int, ...]) -> Detection:
+        """Memories of all laws, the first axis being the laws."""
+        return _join([law.start(shape[1:]) for law in self.laws])
+
+    def gain(self, innovation: Innovation, detection: Detection) -> tuple[Array, Detection]:
+        """Each law's gain for its slice."""
+        gains, detections = [], []
+        for i, law in enumerate(self.laws):
+            own = Detection(detection.statistic[i], detection.declared[i], (detection.history[i],))
+            gain, after = law.gain(Innovation(*(part[i] for part in innovation)), own)
+            gains.append(gain)
+            detections.append(after)
+        return np.stack(gains), _join(detections)
+
+
+def _join(detections: list[Detection]) -> Detection:
+    return Detection(
+        np.stack([d.statistic for d in detections]),
+        np.stack([d.declared for d in detections]),
+        tuple(d.history[0] for d in detections),
+    )
+
+
+def stackable(left: ExtendedFilter, right: ExtendedFilter) -> bool:
+    """Whether two filters share model, coordinates and discretisation, so that only noise and gain tell them apart."""
+    return left.process is right.process and type(left.space) is type(right.space) and left.prediction is right.prediction
+
+
+def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
+    """One filter that steps all of `filters` (mutually stackable); beliefs are (filters, trials, ...)."""
+    first = filters[0]
+    return ExtendedFilter(
+        process=first.process,
+        process_noise=np.stack([f.process_noise for f in filters])[:, None],
+        measurement_noise=np.stack([f.measurement_noise for f in filters])[:, None],
+        prior=first.prior,
+        prior_variance=first.prior_variance,
+        gain=StackedGain(tuple(f.gain for f in filters)),
+        space=first.space,
+        prediction=first.prediction,
+    )

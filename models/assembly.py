@@ -1,0 +1,62 @@
+"""A compiled plant: its MuJoCo models and the names by which the twin finds bodies, wheels and torques in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from models.process import ProcessModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Per-simulation values of one body of the MuJoCo model; leading axis: simulation."""
+
+    body: str
+    mass: Array  # (...,) kg
+    centre_of_mass: Array  # (..., 3) m, in the body's frame
+    moments: Array  # (..., 3) kg m2, principal, about the centre of mass
+    axes: Array  # (..., 4) scalar-first quaternion of the principal axes
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A plant ready to be stepped.
+
+    Attributes:
+      model: what is stepped: no visual geoms.
+      scene: the same plant with everything that a person looks at; the same state layout.
+      attitude_joints: ball or free joints whose rotation is q_BN, one for each agent; none for planar agents.
+      wheel_joints: hinges of the reaction wheels, in the order of the wheel numbers.
+      wheel_actuators: torque actuators of those wheels.
+      wheel_axes: spin axes in B, (3, wheels).
+      wheel_torque_limit: N m a wheel; the drive's command range.
+      wheel_inertia: about the spin axis, kg m2.
+      inertia: of the whole with wheels locked, about the centre of rotation, (3, 3) kg m2.
+      centre_of_mass: of the whole from the centre of rotation, (3,) m in B.
+      wheel_friction: dry friction of a wheel's bearing, N m.
+      process: the analytic model of the same plant.
+      reassemble: mass properties that give the whole another locked-wheel inertia (..., 3, 3) kg m2 and centre of mass (..., 3) m.
+      keyframe: named start of the model.
+    """
+
+    model: mujoco.MjModel
+    scene: mujoco.MjModel
+    attitude_joints: tuple[str, ...]
+    wheel_joints: tuple[str, ...]
+    wheel_actuators: tuple[str, ...]
+    wheel_axes: Array
+    wheel_torque_limit: float
+    wheel_inertia: float
+    inertia: Array
+    centre_of_mass: Array
+    wheel_friction: float
+    process: ProcessModel
+    reassemble: Callable[[Array, Array], MassProperties]
+    keyframe: str

@@ -1,0 +1,268 @@
+"""The NACS testbed: its parameters, each with its provenance, and the compilation of nacs.xml with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from models import inertia as mass_geometry
+from models.assembly import Assembly, MassProperties
+from models.wheeled_body import WheeledBody
+from models.wheels import pyramid
+
+Array = NDArray[np.float64]
+
+MJCF = Path(__file__).with_name("nacs.xml")
+WHEELS = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
+BALANCE_MASSES = ("balance_x", "balance_y", "balance_z")
+
+# Published J_B with wheels locked (McCafferty-Leroux et al. 2024, eq. 26), kg m2 as [xx, yy, zz, xy, xz, yz]. No rigid body has the
+# printed J_yy; with one zero restored it is physical and fits the printed gains. No other source confirms that: a hypothesis.
+INERTIA_SETS: dict[str, tuple[float, ...]] = {
+    "hypothesis": (0.021867, 0.0172994, 0.0316484, -0.001532, -0.000631, -0.000781),
+    "printed": (0.021867, 0.172994, 0.0316484, -0.001532, -0.000631, -0.000781),
+}
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Vector3 = tuple[float, float, float]
+Sextuple = tuple[float, float, float, float, float, float]
+
+
+def _known(unit: str, provenance: str) -> dict[str, str]:
+    return {"unit": unit, "provenance": provenance}
+
+
+class NacsParameters(BaseModel):
+    """Every number of the NACS plant; `json_schema_extra` of a field holds its unit and provenance."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = Field(
+        "hypothesis",
+        description="whole with wheels locked, about the centre of rotation: a named set or [xx, yy, zz, xy, xz, yz]",
+        json_schema_extra=_known("kg m2", "published (eq. 26), J_yy by hypothesis: printed 0.172994, used 0.0172994"),
+    )
+    wheel_inertia_kg_m2: Positive = Field(
+        1.740138e-5, description="of a wheel about its spin axis", json_schema_extra=_known("kg m2", "published (eq. 26)")
+    )
+    wheel_azimuth_deg: float = Field(45.0, description="alpha of the pyramid", json_schema_extra=_known("deg", "published (eq. 6)"))
+    wheel_elevation_deg: float = Field(45.0, description="beta of the pyramid", json_schema_extra=_known("deg", "published (eq. 6)"))
+    wheel_transverse_inertia_kg_m2: Positive = Field(
+        9.29e-6, description="of a wheel across its spin axis", json_schema_extra=_known("kg m2", "chosen: disc of 43 mm x 10 mm")
+    )
+    wheel_mass_kg: Positive = Field(0.075, description="of a wheel", json_schema_extra=_known("kg", "chosen: disc of 43 mm, fits J_w"))
+    mass_kg: Positive = Field(3.2, description="whole floating part", json_schema_extra=_known("kg", "chosen: fits J_B and a 2U mock-up"))
+    centre_of_mass_um: Vector3 = Field(
+        (0.5, -0.4, 1.0),
+        description="of the whole in B from the centre of rotation, masses at home",
+        json_schema_extra=_known("um", "chosen: well balanced, slightly bottom-heavy (Chesi et al. 2014 reach a few um)"),
+    )
+    balance_mass_kg: Positive = Field(0.05, description="each of three sliding masses", json_schema_extra=_known("kg", "chosen"))
+    balance_position_mm: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="set-points of the masses on their rails", json_schema_extra=_known("mm", "chosen; travel +-40 mm")
+    )
+    motor_constant_nm_a: Positive = Field(
+        0.01404,
+        description="torque per current = back-EMF per speed",
+        json_schema_extra=_known("N m/A = V s/rad", "chosen: no-load speed 8000 rpm at the usable supply voltage"),
+    )
+    winding_resistance_ohm: Positive = Field(
+        2.0, description="terminal resistance", json_schema_extra=_known("ohm", "chosen: stall at 6 A")
+    )
+    supply_voltage_v: Positive = Field(
+        11.76, description="usable motor voltage", json_schema_extra=_known("V", "datasheet (ESCON: 0.98 Vcc), 12 V supply chosen")
+    )
+    drive_current_a: Positive = Field(
+        2.0, description="continuous limit of the drive", json_schema_extra=_known("A", "datasheet (ESCON 24/2)")
+    )
+    command_bits: Annotated[int, Field(ge=0, le=24)] = Field(
+        12,
+        description="resolution of the torque set-point; 0: none",
+        json_schema_extra=_known("bit", "datasheet (ESCON: 12-bit set-point)"),
+    )
+    drive_torque_noise_nm: NonNegative = Field(
+        2e-5,
+        description="standard deviation of a drive's torque error, anew each control tick",
+        json_schema_extra=_known("N m", "chosen: about one set-point step"),
+    )
+    wheel_coulomb_nm: NonNegative = Field(
+        1e-5, description="dry friction of a wheel bearing", json_schema_extra=_known("N m", "chosen: small")
+    )
+    wheel_viscous_nms: NonNegative = Field(
+        2e-7, description="viscous friction of a wheel bearing", json_schema_extra=_known("N m s/rad", "chosen")
+    )
+    wheel_imbalance_um: NonNegative = Field(
+        0.0,
+        description="offset of each rotor's centre of mass from its axis",
+        json_schema_extra=_known("um", "chosen: balanced; 1 um x 75 g = 75 mg mm is a usual static imbalance"),
+    )
+    bearing_viscous_nms: NonNegative = Field(
+        2e-5, description="drag of the air film", json_schema_extra=_known("N m s/rad", "chosen: small")
+    )
+    air_torque_nm: NonNegative = Field(
+        1e-4,
+        description="standard deviation of the air flow's torque, each axis",
+        json_schema_extra=_known("N m", "chosen: the paper's unmodelled 'small process noise'; 0.5 mrad/s a tick"),
+    )
+    air_torque_correlation_s: Positive = Field(
+        0.2, description="correlation time of that torque (first-order Gauss-Markov)", json_schema_extra=_known("s", "chosen")
+    )
+    gravity_m_s2: NonNegative = Field(9.80665, description="standard gravity", json_schema_extra=_known("m/s2", "published (CGPM 1901)"))
+    step_s: Positive = Field(
+        0.005, description="physics step (RK4)", json_schema_extra=_known("s", "chosen by measurement: docs/physics.md")
+    )
+
+    @model_validator(mode="after")
+    def _steps_resolve_imbalance(self) -> NacsParameters:
+        if self.wheel_imbalance_um > 0 and self.step_s > 5e-4:
+            raise ValueError(f"step_s = {self.step_s:g}: wheel imbalance shakes at wheel speed and needs step_s <= 0.0005")
+        if 4 * self.wheel_mass_kg + 3 * self.balance_mass_kg >= self.mass_kg:
+            raise ValueError(f"mass_kg = {self.mass_kg:g} must exceed that of four wheels and three balance masses together")
+        return self
+
+    @cached_property
+    def inertia(self) -> Array:
+        """J_B with wheels locked about the centre of rotation, (3, 3) kg m2; physical or not."""
+        chosen = self.inertia_kg_m2
+        return mass_geometry.tensor(INERTIA_SETS[chosen] if isinstance(chosen, str) else chosen)
+
+    @cached_property
+    def wheel_axes(self) -> Array:
+        """Spin axes in B, (3, 4)."""
+        return pyramid(np.radians(self.wheel_azimuth_deg), np.radians(self.wheel_elevation_deg))
+
+    @property
+    def torque_limit(self) -> float:
+        """Torque that the drive's continuous current gives, N m a wheel."""
+        return self.motor_constant_nm_a * self.drive_current_a
+
+    @property
+    def no_load_speed(self) -> float:
+        """Speed at which back-EMF has used up the supply voltage, rad/s."""
+        return self.supply_voltage_v / self.motor_constant_nm_a
+
+    def process(self, coupled: bool = False, gyroscopic_sign: float = -1.0, wheel_drag: bool = False) -> WheeledBody:
+        """Analytic model with these parameters; runs the printed inertia too."""
+        return WheeledBody(
+            inertia=self.inertia,
+            wheel_axes=self.wheel_axes,
+            wheel_inertia=self.wheel_inertia_kg_m2,
+            coupled=coupled,
+            gyroscopic_sign=gyroscopic_sign,
+            wheel_coulomb=self.wheel_coulomb_nm if wheel_drag else 0.0,
+            wheel_viscous=self.wheel_viscous_nms if wheel_drag else 0.0,
+        )
+
+    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Rows (name, value, unit, meaning, provenance) of every parameter."""
+        for name, info in type(self).model_fields.items():
+            extra = info.json_schema_extra
+            assert isinstance(extra, dict)
+            yield name, str(getattr(self, name)), str(extra["unit"]), info.description or "", str(extra["provenance"])
+
+
+class ImpossibleInertia(ValueError):
+    """A tensor that no rigid body has."""
+
+
+def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
+    """Compile the testbed; raises ImpossibleInertia for a tensor (total, or what is left for the bus) that no rigid body has."""
+    parameters = parameters or NacsParameters()
+    if reason := mass_geometry.why_impossible(parameters.inertia):
+        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
+    spec = mujoco.MjSpec.from_file(str(MJCF))
+    _set_wheels(spec, parameters)
+    _set_environment(spec, parameters)
+    home = _attached(spec, parameters)
+
+    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
+        return _bus(parameters, home, inertia, centre_of_mass)
+
+    centre_of_mass = 1e-6 * np.array(parameters.centre_of_mass_um)
+    bus = reassemble(parameters.inertia, centre_of_mass)
+    if reason := mass_geometry.why_impossible(np.diag(bus.moments)):
+        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: without wheels and masses no rigid body is left, {reason}")
+    body = spec.body(bus.body)
+    body.mass, body.ipos, body.inertia, body.iquat = float(bus.mass), bus.centre_of_mass, bus.moments, bus.axes
+    body.fullinertia = np.full(6, np.nan)
+    body.explicitinertial = True
+    scene = spec.compile()
+    spec.compiler.discardvisual = True
+    return Assembly(
+        model=spec.compile(),
+        scene=scene,
+        attitude_joints=("bearing",),
+        wheel_joints=WHEELS,
+        wheel_actuators=WHEELS,
+        wheel_axes=parameters.wheel_axes,
+        wheel_torque_limit=parameters.torque_limit,
+        wheel_inertia=parameters.wheel_inertia_kg_m2,
+        inertia=parameters.inertia,
+        centre_of_mass=centre_of_mass,
+        wheel_friction=parameters.wheel_coulomb_nm,
+        process=parameters.process(),
+        reassemble=reassemble,
+        keyframe="level",
+    )
+
+
+def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
+    limit, voltage = parameters.torque_limit, parameters.supply_voltage_v
+    for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
+        body, joint, drive = spec.body(name), spec.joint(name), spec.actuator(name)
+        body.alt.zaxis = axis
+        body.mass = parameters.wheel_mass_kg
+        body.ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
+        body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
+        joint.damping[0] = parameters.wheel_viscous_nms
+        joint.frictionloss = parameters.wheel_coulomb_nm
+        drive.set_to_dcmotor(
+            motorconst=[parameters.motor_constant_nm_a] * 2,
+            resistance=parameters.winding_resistance_ohm,
+            saturation=[limit, 0, 0],
+            controller=[0, 0, 0, 0, 0, voltage],
+            ctrlspec=drive.ctrlspec,
+        )
+        drive.ctrlrange = [-limit, limit]
+
+
+def _set_environment(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
+    spec.option.timestep = parameters.step_s
+    spec.option.gravity = [0, 0, -parameters.gravity_m_s2]
+    spec.joint("bearing").damping[0] = parameters.bearing_viscous_nms
+    for name in BALANCE_MASSES:
+        spec.body(name).mass = parameters.balance_mass_kg
+
+
+def _attached(spec: mujoco.MjSpec, parameters: NacsParameters) -> tuple[float, Array, Array]:
+    """Mass, first moment (3,) and inertia about the centre of rotation (3, 3) of wheels and balance masses at home."""
+    mass, moment, total = 0.0, np.zeros(3), np.zeros((3, 3))
+    across, along = parameters.wheel_transverse_inertia_kg_m2, parameters.wheel_inertia_kg_m2
+    own = {
+        name: across * np.eye(3) + (along - across) * np.outer(axis, axis)
+        for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True)
+    } | {name: np.diag(spec.body(name).inertia) for name in BALANCE_MASSES}
+    for name, tensor in own.items():
+        body = spec.body(name)
+        position = np.array(body.pos)
+        mass += body.mass
+        moment += body.mass * position
+        total += tensor + mass_geometry.point_mass(body.mass, position)
+    return mass, moment, total
+
+
+def _bus(parameters: NacsParameters, home: tuple[float, Array, Array], inertia: Array, centre_of_mass: Array) -> MassProperties:
+    """What the bus alone must be so that the whole has `inertia` about the centre of rotation and `centre_of_mass`."""
+    attached_mass, attached_moment, attached_inertia = home
+    mass = parameters.mass_kg - attached_mass
+    position = (parameters.mass_kg * np.asarray(centre_of_mass) - attached_moment) / mass
+    moments, axes = mass_geometry.principal(inertia - attached_inertia - mass_geometry.point_mass(mass, position))
+    return MassProperties("bus", np.full(position.shape[:-1], mass), position, moments, axes)

@@ -1,0 +1,120 @@
+"""What a run leaves behind while it runs: arrays with axes (ticks, trials, ...), and derived consistency of every observer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import Belief
+from estimation.state_space import Multiplicative
+from sim.faults import Occurrence
+from sim.observers import Bank
+
+Array = NDArray[np.float64]
+
+MULTIPLICATIVE = Multiplicative()
+_BLOCK = 25  # ticks whose covariances are kept until they are reduced together
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A run, or what there was of it: named arrays (ticks, trials, ...) and what happened when.
+
+    Channels: `truth/state` [q, omega, wheel speeds], `truth/qpos`, `truth/qvel`, `reading`, `command`, `applied` (N m, wheels),
+    `fault` (bool); of each observer NAME: `NAME/mean`, `NAME/sigma` (attitude as a rotation, rad), `NAME/nees`, `NAME/nis`,
+    `NAME/dof`, `NAME/statistic`, `NAME/declared`. `reference/...` has no trial axis.
+    """
+
+    dt: float
+    trials: NDArray[np.int64]
+    channels: dict[str, Array]
+    thresholds: dict[str, tuple[float, float] | None]
+    occurrences: tuple[Occurrence, ...] = ()
+
+    @property
+    def ticks(self) -> int:
+        """Control ticks recorded."""
+        return len(self.channels["truth/state"])
+
+    @property
+    def time(self) -> Array:
+        """Seconds since the start, (ticks,)."""
+        return self.dt * np.arange(self.ticks)
+
+    @property
+    def observers(self) -> tuple[str, ...]:
+        """Names of the observers."""
+        return tuple(self.thresholds)
+
+    def select(self, keep: NDArray[np.int64]) -> Recording:
+        """The trials at positions `keep`."""
+        place = {int(old): new for new, old in enumerate(keep)}
+        channels = {name: a if name.startswith("reference/") else a[:, keep] for name, a in self.channels.items()}
+        occurrences = tuple(o._replace(trial=place[o.trial]) for o in self.occurrences if o.trial in place)
+        return Recording(self.dt, self.trials[keep], channels, self.thresholds, occurrences)
+
+
+@dataclass(eq=False)
+class Recorder:
+    """Collects a run tick by tick; `finish` gives the Recording."""
+
+    dt: float
+    ticks: int
+    trials: NDArray[np.int64]
+    banks: tuple[Bank, ...]
+    _arrays: dict[str, Array] = field(default_factory=dict)
+    _covariance: dict[int, Array] = field(default_factory=dict)
+
+    def put(self, name: str, tick: int, value: Array) -> None:
+        """Keep one tick of a channel."""
+        array = self._arrays.get(name)
+        if array is None:
+            array = self._arrays[name] = (
+                np.full((self.ticks, *value.shape), np.nan) if value.dtype != bool else np.zeros((self.ticks, *value.shape), bool)
+            )
+        array[tick] = value
+
+    def array(self, name: str) -> Array:
+        """All ticks of a channel, those not yet recorded being NaN."""
+        return self._arrays[name]
+
+    def observe(self, index: int, tick: int, belief: Belief) -> None:
+        """Keep one tick of a bank of observers; (members, trials, ...)."""
+        for part in ("mean", "nis", "dof"):
+            self.put(f"{index}:{part}", tick, getattr(belief, part))
+        self.put(f"{index}:statistic", tick, belief.detection.statistic)
+        self.put(f"{index}:declared", tick, belief.detection.declared)
+        covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
+        covariances[tick % _BLOCK] = belief.covariance
+        if tick % _BLOCK == _BLOCK - 1:
+            self._reduce(index, tick + 1)
+
+    def _reduce(self, index: int, stop: int) -> None:
+        """Turn the covariances of the last block into NEES and standard deviations, in the multiplicative error coordinates."""
+        start = (stop - 1) // _BLOCK * _BLOCK
+        space = self.banks[index].filter.space
+        mean = self._arrays[f"{index}:mean"][start:stop]
+        truth = self._arrays["truth/state"][start:stop, None]
+        covariance = space.reduce(mean, self._covariance[index][: stop - start])
+        error = MULTIPLICATIVE.difference(truth, mean)
+        nees = np.einsum("...i,...i->...", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+        sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        for name, value in (("nees", nees), ("sigma", sigma)):
+            array = self._arrays.setdefault(f"{index}:{name}", np.full((self.ticks, *value.shape[1:]), np.nan))
+            array[start:stop] = value
+
+    def finish(self, ticks: int, reference: dict[str, Array], occurrences: tuple[Occurrence, ...]) -> Recording:
+        """The first `ticks` of the run."""
+        channels = {name: array[:ticks] for name, array in self._arrays.items() if ":" not in name}
+        thresholds: dict[str, tuple[float, float] | None] = {}
+        for index, bank in enumerate(self.banks):
+            if ticks % _BLOCK:
+                self._reduce(index, ticks)
+            for member, name in enumerate(bank.names):
+                thresholds[name] = bank.thresholds[member]
+                for part in ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared"):
+                    channels[f"{name}/{part}"] = self._arrays[f"{index}:{part}"][:ticks, member]
+        channels |= {f"reference/{name}": array[:ticks] for name, array in reference.items()}
+        return Recording(self.dt, self.trials, channels, thresholds, occurrences)

@@ -1,0 +1,66 @@
+"""Attitudes to be followed, with the rates and accelerations that belong to them, in closed form."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from models import quaternion
+
+Array = NDArray[np.float64]
+
+
+class Reference(NamedTuple):
+    """Reference frame D at instants; leading axis: tick."""
+
+    q_DN: Array  # (..., 4)
+    omega_DN_D: Array  # (..., 3) rad/s
+    alpha_DN_D: Array  # (..., 3) rad/s2
+
+
+class Sinusoid(BaseModel):
+    """Sinusoidal vector part of the quaternion (McCafferty-Leroux et al. 2024, fig. 4, which prints no numbers)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    type: Literal["sinusoid"]
+    amplitude_deg: tuple[float, float, float] = Field(description="of the turn about each axis; together below 180")
+    period_s: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+    phase_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def at(self, time: Array) -> Reference:
+        """Reference at `time` (...,) s: q_1:3 = sin(amplitude / 2) sin(2 pi t / period + phase), rates from omega = 2 Xi' dq/dt."""
+        size = np.sin(np.radians(self.amplitude_deg) / 2.0)
+        pulsation = 2.0 * np.pi / np.array(self.period_s)
+        angle = time[..., None] * pulsation + np.radians(self.phase_deg)
+        vector, speed = size * np.sin(angle), size * pulsation * np.cos(angle)
+        bend = -size * pulsation**2 * np.sin(angle)
+        scalar = np.sqrt(1.0 - np.sum(vector**2, axis=-1))
+        scalar_speed = -np.sum(vector * speed, axis=-1) / scalar
+        scalar_bend = -(np.sum(speed**2 + vector * bend, axis=-1) + scalar_speed**2) / scalar
+        q = np.concatenate([vector, scalar[..., None]], axis=-1)
+        dq = np.concatenate([speed, scalar_speed[..., None]], axis=-1)
+        ddq = np.concatenate([bend, scalar_bend[..., None]], axis=-1)
+        to_rate = 2.0 * quaternion.xi(q).swapaxes(-1, -2)
+        return Reference(q, (to_rate @ dq[..., None])[..., 0], (to_rate @ ddq[..., None])[..., 0])
+
+
+class Hold(BaseModel):
+    """A constant attitude, as a rotation vector from N."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    type: Literal["hold"]
+    rotation_vector_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def at(self, time: Array) -> Reference:
+        """Reference at `time` (...,) s."""
+        q = np.broadcast_to(quaternion.from_rotation_vector(np.radians(self.rotation_vector_deg)), (*time.shape, 4))
+        nothing = np.zeros((*time.shape, 3))
+        return Reference(q, nothing, nothing)
+
+
+ReferenceSettings = Annotated[Sinusoid | Hold, Field(discriminator="type")]
