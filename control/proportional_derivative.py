@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models import quaternion
+from control.tracking import Estimate, Target, tracking_error
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,7 @@ class ProportionalDerivative:
     proportional: float
     derivative: float
 
-    def step(self, q_BN: Array, omega_BN_B: Array, q_desired: Array, omega_desired: Array) -> Array:
-        """Torque on the body, (..., 3) N m in B.
-
-        Args:
-          q_BN: attitude, (..., 4).
-          omega_BN_B: rate, (..., 3) rad/s.
-          q_desired: attitude of the reference frame D, (..., 4).
-          omega_desired: rate of D relative to N, resolved in D, (..., 3) rad/s.
-        """
-        error = quaternion.multiply(q_BN, quaternion.inverse(q_desired))
-        rate_error = omega_BN_B - (quaternion.attitude_matrix(error) @ omega_desired[..., None])[..., 0]
-        sign = np.where(error[..., 3:] < 0.0, -1.0, 1.0)
-        return -self.proportional * sign * error[..., :3] - self.derivative * rate_error
+    def step(self, estimate: Estimate, target: Target) -> Array:
+        """Torque on the body, (..., 3) N m in B; the wheel speeds and the target's acceleration are not used."""
+        error = tracking_error(estimate, target)
+        return -self.proportional * error.dq[..., :3] - self.derivative * error.rate

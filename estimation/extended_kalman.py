@@ -13,7 +13,7 @@ from estimation.gaussian import Belief, Detection, Innovation, innovate, joseph,
 from estimation.state_space import Additive, StateSpace
 from models.process import Prediction, ProcessModel, predict
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 class GainLaw(Protocol):

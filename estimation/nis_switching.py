@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from estimation.gaussian import Detection, Innovation
 from estimation.sliding_innovation import sliding_gain
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 class Smoothing(Protocol):
@@ -35,7 +35,10 @@ class Smoothing(Protocol):
 
 @dataclass(frozen=True)
 class Windowed:
-    """Sum over the last `length` readings (McCafferty-Leroux et al. 2024, eq. 20: called an average, written as a sum; its dof is a sum's)."""
+    """Sum over the last `length` readings (McCafferty-Leroux et al. 2024, eq. 20).
+
+    The paper calls it an average and writes it as a sum; its degrees of freedom (eq. 22) are those of a sum.
+    """
 
     length: int
 

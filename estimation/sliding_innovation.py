@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.gaussian import Detection, Innovation
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def sliding_gain(residual: Array, boundary_layer: Array) -> Array:

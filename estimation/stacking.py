@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimation.extended_kalman import ExtendedFilter, GainLaw
 from estimation.gaussian import Detection, Innovation
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from models import quaternion
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 class StateSpace(Protocol):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from models.process import ProcessModel
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class Assembly:
       wheel_actuators: torque actuators of those wheels.
       wheel_axes: spin axes in B, (3, wheels).
       wheel_torque_limit: N m a wheel; the drive's command range.
+      wheel_speed_limit: rad/s, where back-EMF has used up the supply voltage.
       wheel_inertia: about the spin axis, kg m2.
       inertia: of the whole with wheels locked, about the centre of rotation, (3, 3) kg m2.
       centre_of_mass: of the whole from the centre of rotation, (3,) m in B.
@@ -53,6 +54,7 @@ class Assembly:
     wheel_actuators: tuple[str, ...]
     wheel_axes: Array
     wheel_torque_limit: float
+    wheel_speed_limit: float
     wheel_inertia: float
     inertia: Array
     centre_of_mass: Array

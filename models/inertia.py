@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def tensor(moments: tuple[float, ...] | Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ from models.assembly import Assembly, MassProperties
 from models.wheeled_body import WheeledBody
 from models.wheels import pyramid
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 MJCF = Path(__file__).with_name("nacs.xml")
 WHEELS = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
@@ -36,8 +36,9 @@ Vector3 = tuple[float, float, float]
 Sextuple = tuple[float, float, float, float, float, float]
 
 
-def _known(unit: str, provenance: str) -> dict[str, str]:
-    return {"unit": unit, "provenance": provenance}
+def _known(default: Any, description: str, unit: str, provenance: str) -> Any:
+    """A field that carries its unit and where its value comes from."""
+    return Field(default, description=description, json_schema_extra={"unit": unit, "provenance": provenance})
 
 
 class NacsParameters(BaseModel):
@@ -45,80 +46,56 @@ class NacsParameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = Field(
+    inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = _known(
         "hypothesis",
-        description="whole with wheels locked, about the centre of rotation: a named set or [xx, yy, zz, xy, xz, yz]",
-        json_schema_extra=_known("kg m2", "published (eq. 26), J_yy by hypothesis: printed 0.172994, used 0.0172994"),
+        "whole with wheels locked, about the centre of rotation: a named set or [xx, yy, zz, xy, xz, yz]",
+        "kg m2",
+        "published (eq. 26), J_yy by hypothesis: printed 0.172994, used 0.0172994",
     )
-    wheel_inertia_kg_m2: Positive = Field(
-        1.740138e-5, description="of a wheel about its spin axis", json_schema_extra=_known("kg m2", "published (eq. 26)")
-    )
-    wheel_azimuth_deg: float = Field(45.0, description="alpha of the pyramid", json_schema_extra=_known("deg", "published (eq. 6)"))
-    wheel_elevation_deg: float = Field(45.0, description="beta of the pyramid", json_schema_extra=_known("deg", "published (eq. 6)"))
-    wheel_transverse_inertia_kg_m2: Positive = Field(
-        9.29e-6, description="of a wheel across its spin axis", json_schema_extra=_known("kg m2", "chosen: disc of 43 mm x 10 mm")
-    )
-    wheel_mass_kg: Positive = Field(0.075, description="of a wheel", json_schema_extra=_known("kg", "chosen: disc of 43 mm, fits J_w"))
-    mass_kg: Positive = Field(3.2, description="whole floating part", json_schema_extra=_known("kg", "chosen: fits J_B and a 2U mock-up"))
-    centre_of_mass_um: Vector3 = Field(
+    wheel_inertia_kg_m2: Positive = _known(1.740138e-5, "of a wheel about its spin axis", "kg m2", "published (eq. 26)")
+    wheel_azimuth_deg: float = _known(45.0, "alpha of the pyramid", "deg", "published (eq. 6)")
+    wheel_elevation_deg: float = _known(45.0, "beta of the pyramid", "deg", "published (eq. 6)")
+    wheel_transverse_inertia_kg_m2: Positive = _known(9.29e-6, "of a wheel across its spin axis", "kg m2", "chosen: disc of 43 mm x 10 mm")
+    wheel_mass_kg: Positive = _known(0.075, "of a wheel", "kg", "chosen: disc of 43 mm, fits J_w")
+    mass_kg: Positive = _known(3.2, "whole floating part", "kg", "chosen: fits J_B and a 2U mock-up")
+    centre_of_mass_um: Vector3 = _known(
         (0.5, -0.4, 1.0),
-        description="of the whole in B from the centre of rotation, masses at home",
-        json_schema_extra=_known("um", "chosen: well balanced, slightly bottom-heavy (Chesi et al. 2014 reach a few um)"),
+        "of the whole in B from the centre of rotation, masses at home",
+        "um",
+        "chosen: well balanced, slightly bottom-heavy (Chesi et al. 2014 reach a few um)",
     )
-    balance_mass_kg: Positive = Field(0.05, description="each of three sliding masses", json_schema_extra=_known("kg", "chosen"))
-    balance_position_mm: Vector3 = Field(
-        (0.0, 0.0, 0.0), description="set-points of the masses on their rails", json_schema_extra=_known("mm", "chosen; travel +-40 mm")
+    balance_mass_kg: Positive = _known(0.05, "each of three sliding masses", "kg", "chosen")
+    balance_position_mm: Vector3 = _known((0.0, 0.0, 0.0), "set-points of the masses on their rails", "mm", "chosen; travel +-40 mm")
+    motor_constant_nm_a: Positive = _known(
+        0.01404, "torque per current = back-EMF per speed", "N m/A = V s/rad", "chosen: no-load speed 8000 rpm at the usable supply voltage"
     )
-    motor_constant_nm_a: Positive = Field(
-        0.01404,
-        description="torque per current = back-EMF per speed",
-        json_schema_extra=_known("N m/A = V s/rad", "chosen: no-load speed 8000 rpm at the usable supply voltage"),
+    winding_resistance_ohm: Positive = _known(2.0, "terminal resistance", "ohm", "chosen: stall at 6 A")
+    supply_voltage_v: Positive = _known(11.76, "usable motor voltage", "V", "datasheet (ESCON: 0.98 Vcc), 12 V supply chosen")
+    drive_current_a: Positive = _known(2.0, "continuous limit of the drive", "A", "datasheet (ESCON 24/2)")
+    command_bits: Annotated[int, Field(ge=0, le=24)] = _known(
+        12, "resolution of the torque set-point; 0: none", "bit", "datasheet (ESCON: 12-bit set-point)"
     )
-    winding_resistance_ohm: Positive = Field(
-        2.0, description="terminal resistance", json_schema_extra=_known("ohm", "chosen: stall at 6 A")
+    drive_torque_noise_nm: NonNegative = _known(
+        2e-5, "standard deviation of a drive's torque error, anew each control tick", "N m", "chosen: about one set-point step"
     )
-    supply_voltage_v: Positive = Field(
-        11.76, description="usable motor voltage", json_schema_extra=_known("V", "datasheet (ESCON: 0.98 Vcc), 12 V supply chosen")
-    )
-    drive_current_a: Positive = Field(
-        2.0, description="continuous limit of the drive", json_schema_extra=_known("A", "datasheet (ESCON 24/2)")
-    )
-    command_bits: Annotated[int, Field(ge=0, le=24)] = Field(
-        12,
-        description="resolution of the torque set-point; 0: none",
-        json_schema_extra=_known("bit", "datasheet (ESCON: 12-bit set-point)"),
-    )
-    drive_torque_noise_nm: NonNegative = Field(
-        2e-5,
-        description="standard deviation of a drive's torque error, anew each control tick",
-        json_schema_extra=_known("N m", "chosen: about one set-point step"),
-    )
-    wheel_coulomb_nm: NonNegative = Field(
-        1e-5, description="dry friction of a wheel bearing", json_schema_extra=_known("N m", "chosen: small")
-    )
-    wheel_viscous_nms: NonNegative = Field(
-        2e-7, description="viscous friction of a wheel bearing", json_schema_extra=_known("N m s/rad", "chosen")
-    )
-    wheel_imbalance_um: NonNegative = Field(
+    wheel_coulomb_nm: NonNegative = _known(1e-5, "dry friction of a wheel bearing", "N m", "chosen: small")
+    wheel_viscous_nms: NonNegative = _known(2e-7, "viscous friction of a wheel bearing", "N m s/rad", "chosen")
+    wheel_imbalance_um: NonNegative = _known(
         0.0,
-        description="offset of each rotor's centre of mass from its axis",
-        json_schema_extra=_known("um", "chosen: balanced; 1 um x 75 g = 75 mg mm is a usual static imbalance"),
+        "offset of each rotor's centre of mass from its axis",
+        "um",
+        "chosen: balanced; 1 um x 75 g = 75 mg mm is a usual static imbalance",
     )
-    bearing_viscous_nms: NonNegative = Field(
-        2e-5, description="drag of the air film", json_schema_extra=_known("N m s/rad", "chosen: small")
-    )
-    air_torque_nm: NonNegative = Field(
+    bearing_viscous_nms: NonNegative = _known(2e-5, "drag of the air film", "N m s/rad", "chosen: small")
+    air_torque_nm: NonNegative = _known(
         1e-4,
-        description="standard deviation of the air flow's torque, each axis",
-        json_schema_extra=_known("N m", "chosen: the paper's unmodelled 'small process noise'; 0.5 mrad/s a tick"),
+        "standard deviation of the air flow's torque, each axis",
+        "N m",
+        "chosen: the paper's unmodelled 'small process noise'; 0.5 mrad/s a tick",
     )
-    air_torque_correlation_s: Positive = Field(
-        0.2, description="correlation time of that torque (first-order Gauss-Markov)", json_schema_extra=_known("s", "chosen")
-    )
-    gravity_m_s2: NonNegative = Field(9.80665, description="standard gravity", json_schema_extra=_known("m/s2", "published (CGPM 1901)"))
-    step_s: Positive = Field(
-        0.005, description="physics step (RK4)", json_schema_extra=_known("s", "chosen by measurement: docs/physics.md")
-    )
+    air_torque_correlation_s: Positive = _known(0.2, "correlation time of that torque (first-order Gauss-Markov)", "s", "chosen")
+    gravity_m_s2: NonNegative = _known(9.80665, "standard gravity", "m/s2", "published (CGPM 1901)")
+    step_s: Positive = _known(0.01, "physics step (RK4)", "s", "chosen by measurement: docs/physics.md")
 
     @model_validator(mode="after")
     def _steps_resolve_imbalance(self) -> NacsParameters:
@@ -204,6 +181,7 @@ def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
         wheel_actuators=WHEELS,
         wheel_axes=parameters.wheel_axes,
         wheel_torque_limit=parameters.torque_limit,
+        wheel_speed_limit=parameters.no_load_speed,
         wheel_inertia=parameters.wheel_inertia_kg_m2,
         inertia=parameters.inertia,
         centre_of_mass=centre_of_mass,

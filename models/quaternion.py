@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0])
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from models import quaternion
 from models.process import Linearization
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 DRAG_SMOOTHING = 1.0  # rad/s over which the model's dry friction changes sign, so that it can be differentiated
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def pyramid(azimuth: float = np.pi / 4, elevation: float = np.pi / 4) -> Array:

@@ -18,7 +18,7 @@ from sim.randomness import Stream
 from sim.scenario import Scenario
 from sim.sensors import Sensors, draw_noise
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def build(scenario: Scenario, trials: NDArray[np.int64], threads: int = 1) -> System:
@@ -26,11 +26,11 @@ def build(scenario: Scenario, trials: NDArray[np.int64], threads: int = 1) -> Sy
     run, parameters = scenario.run, scenario.plant
     assembly = compile_nacs(parameters)
     wheels = len(assembly.wheel_joints)
-    reference = scenario.reference.at(run.tick_s * np.arange(run.ticks))
+    target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
     plant = Plant(assembly, len(trials), threads)
     turn = np.radians(scenario.start.attitude_error_deg) * randomness.normals(run.seed, trials, Stream.START, 1, 3)[0]
     plant.start(
-        quaternion.multiply(quaternion.from_rotation_vector(turn), reference.q_DN[0]),
+        quaternion.multiply(quaternion.from_rotation_vector(turn), target.q_DN[0]),
         np.zeros(3),
         np.array(scenario.start.wheel_speed_rad_s),
     )
@@ -48,7 +48,7 @@ def build(scenario: Scenario, trials: NDArray[np.int64], threads: int = 1) -> Sy
         faults=faults,
         disturbance_B=randomness.gauss_markov(white, parameters.air_torque_nm, parameters.air_torque_correlation_s, run.tick_s),
         drive_noise=parameters.drive_torque_noise_nm * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels),
-        reference=reference,
+        target=target,
         banks=build_banks(scenario.observers, models, scenario.sensors, wheels),
         controller=ProportionalDerivative(scenario.control.proportional_nm, scenario.control.derivative_nms),
         allocation=PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit),

@@ -13,7 +13,7 @@ from models.inertia import tensor
 from sim.draws import Draw, Number
 from sim.randomness import Stream, Trials, generator
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 SENSORS = ("attitude", "gyro", "wheels")

@@ -18,7 +18,7 @@ from models.process import ProcessModel, predict, predict_euler
 from models.quaternion import IDENTITY
 from sim.sensors import SensorSettings
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 Positive = Annotated[float, Field(gt=0)]
 Triple = tuple[Positive, Positive, Positive]

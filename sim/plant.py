@@ -15,7 +15,7 @@ from models.quaternion import attitude_matrix
 if TYPE_CHECKING:
     from sim.recording import Recording
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _TO_SCALAR_LAST = np.array([1, 2, 3, 0])
 
@@ -118,8 +118,7 @@ class Plant:
     def set_mass_properties(self, trials: Array, inertia: Array, centre_of_mass: Array) -> None:
         """Give some trials another locked-wheel inertia (n, 3, 3) kg m2 and centre of mass (n, 3) m; rates are kept.
 
-        Args:
-          trials: boolean mask, (trials,).
+        `trials` is a boolean mask, (trials,).
         """
         properties = self.assembly.reassemble(inertia, centre_of_mass)
         body = self.assembly.model.body(properties.body).id

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Trials = NDArray[np.int64]
 
 
@@ -42,7 +42,7 @@ def uniforms(seed: int, trials: Trials, stream: Stream, ticks: int, size: int) -
 
 
 def gauss_markov(white: Array, std: float, correlation_s: float, dt: float) -> Array:
-    """First-order Gauss-Markov process from white numbers (ticks, ...), stationary from the first tick (Markley & Crassidis 2014, sec. 4.5)."""
+    """First-order Gauss-Markov process from white numbers (ticks, ...), stationary from the first tick (Gelb 1974, sec. 3.6)."""
     fade = np.exp(-dt / correlation_s)
     out = np.empty_like(white)
     out[0] = std * white[0]

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from control.tracking import Target
 from estimation.gaussian import Belief
 from estimation.state_space import Multiplicative
 from sim.faults import Occurrence
 from sim.observers import Bank
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
+AnyArray = NDArray[np.floating] | NDArray[np.bool_]
 
 MULTIPLICATIVE = Multiplicative()
 _BLOCK = 25  # ticks whose covariances are kept until they are reduced together
@@ -64,10 +66,11 @@ class Recorder:
     ticks: int
     trials: NDArray[np.int64]
     banks: tuple[Bank, ...]
+    done: int = 0
     _arrays: dict[str, Array] = field(default_factory=dict)
     _covariance: dict[int, Array] = field(default_factory=dict)
 
-    def put(self, name: str, tick: int, value: Array) -> None:
+    def put(self, name: str, tick: int, value: AnyArray) -> None:
         """Keep one tick of a channel."""
         array = self._arrays.get(name)
         if array is None:
@@ -80,16 +83,23 @@ class Recorder:
         """All ticks of a channel, those not yet recorded being NaN."""
         return self._arrays[name]
 
-    def observe(self, index: int, tick: int, belief: Belief) -> None:
-        """Keep one tick of a bank of observers; (members, trials, ...)."""
-        for part in ("mean", "nis", "dof"):
-            self.put(f"{index}:{part}", tick, getattr(belief, part))
-        self.put(f"{index}:statistic", tick, belief.detection.statistic)
-        self.put(f"{index}:declared", tick, belief.detection.declared)
-        covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
-        covariances[tick % _BLOCK] = belief.covariance
-        if tick % _BLOCK == _BLOCK - 1:
-            self._reduce(index, tick + 1)
+    def tick(self, tick: int, channels: dict[str, AnyArray]) -> None:
+        """Keep the rest of a tick; it counts as recorded from now on."""
+        for name, value in channels.items():
+            self.put(name, tick, value)
+        self.done = tick + 1
+
+    def observe(self, tick: int, beliefs: tuple[Belief, ...]) -> None:
+        """Keep one tick of every bank of observers; (members, trials, ...)."""
+        for index, belief in enumerate(beliefs):
+            for part in ("mean", "nis", "dof"):
+                self.put(f"{index}:{part}", tick, getattr(belief, part))
+            self.put(f"{index}:statistic", tick, belief.detection.statistic)
+            self.put(f"{index}:declared", tick, belief.detection.declared)
+            covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
+            covariances[tick % _BLOCK] = belief.covariance
+            if tick % _BLOCK == _BLOCK - 1:
+                self._reduce(index, tick + 1)
 
     def _reduce(self, index: int, stop: int) -> None:
         """Turn the covariances of the last block into NEES and standard deviations, in the multiplicative error coordinates."""
@@ -105,16 +115,21 @@ class Recorder:
             array = self._arrays.setdefault(f"{index}:{name}", np.full((self.ticks, *value.shape[1:]), np.nan))
             array[start:stop] = value
 
-    def finish(self, ticks: int, reference: dict[str, Array], occurrences: tuple[Occurrence, ...]) -> Recording:
-        """The first `ticks` of the run."""
-        channels = {name: array[:ticks] for name, array in self._arrays.items() if ":" not in name}
+    def finish(self, target: Target, occurrences: tuple[Occurrence, ...]) -> Recording:
+        """All ticks that were recorded."""
+        done = self.done
+        channels = {name: array[:done] for name, array in self._arrays.items() if ":" not in name}
         thresholds: dict[str, tuple[float, float] | None] = {}
         for index, bank in enumerate(self.banks):
-            if ticks % _BLOCK:
-                self._reduce(index, ticks)
+            if done % _BLOCK:
+                self._reduce(index, done)
             for member, name in enumerate(bank.names):
                 thresholds[name] = bank.thresholds[member]
                 for part in ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared"):
-                    channels[f"{name}/{part}"] = self._arrays[f"{index}:{part}"][:ticks, member]
-        channels |= {f"reference/{name}": array[:ticks] for name, array in reference.items()}
+                    channels[f"{name}/{part}"] = self._arrays[f"{index}:{part}"][:done, member]
+        channels |= {
+            "reference/q": target.q_DN[:done],
+            "reference/omega": target.omega_DN_D[:done],
+            "reference/alpha": target.alpha_DN_D[:done],
+        }
         return Recording(self.dt, self.trials, channels, thresholds, occurrences)

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from control.tracking import Target
 from models import quaternion
 
-Array = NDArray[np.float64]
-
-
-class Reference(NamedTuple):
-    """Reference frame D at instants; leading axis: tick."""
-
-    q_DN: Array  # (..., 4)
-    omega_DN_D: Array  # (..., 3) rad/s
-    alpha_DN_D: Array  # (..., 3) rad/s2
+Array = NDArray[np.floating]
 
 
 class Sinusoid(BaseModel):
@@ -31,8 +24,8 @@ class Sinusoid(BaseModel):
     period_s: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
     phase_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def at(self, time: Array) -> Reference:
-        """Reference at `time` (...,) s: q_1:3 = sin(amplitude / 2) sin(2 pi t / period + phase), rates from omega = 2 Xi' dq/dt."""
+    def at(self, time: Array) -> Target:
+        """Target at `time` (...,) s: q_1:3 = sin(amplitude / 2) sin(2 pi t / period + phase), rates from omega = 2 Xi' dq/dt."""
         size = np.sin(np.radians(self.amplitude_deg) / 2.0)
         pulsation = 2.0 * np.pi / np.array(self.period_s)
         angle = time[..., None] * pulsation + np.radians(self.phase_deg)
@@ -45,7 +38,7 @@ class Sinusoid(BaseModel):
         dq = np.concatenate([speed, scalar_speed[..., None]], axis=-1)
         ddq = np.concatenate([bend, scalar_bend[..., None]], axis=-1)
         to_rate = 2.0 * quaternion.xi(q).swapaxes(-1, -2)
-        return Reference(q, (to_rate @ dq[..., None])[..., 0], (to_rate @ ddq[..., None])[..., 0])
+        return Target(q, (to_rate @ dq[..., None])[..., 0], (to_rate @ ddq[..., None])[..., 0])
 
 
 class Hold(BaseModel):
@@ -56,11 +49,11 @@ class Hold(BaseModel):
     type: Literal["hold"]
     rotation_vector_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def at(self, time: Array) -> Reference:
-        """Reference at `time` (...,) s."""
+    def at(self, time: Array) -> Target:
+        """Target at `time` (...,) s."""
         q = np.broadcast_to(quaternion.from_rotation_vector(np.radians(self.rotation_vector_deg)), (*time.shape, 4))
         nothing = np.zeros((*time.shape, 3))
-        return Reference(q, nothing, nothing)
+        return Target(q, nothing, nothing)
 
 
 ReferenceSettings = Annotated[Sinusoid | Hold, Field(discriminator="type")]

@@ -122,7 +122,7 @@ class Scenario(_Section):
                     f"{where}: lasts from {earliest_start(fault):g} to {latest_end(fault):g} s, the run from 0 to {duration:g} s"
                 )
             wheel = getattr(fault, "wheel", "all")
-            if wheel != "all" and wheel > 4:
+            if isinstance(wheel, int) and wheel > 4:
                 raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to 4 or 'all'")
             if isinstance(fault, InertiaChange) and (reason := why_impossible(tensor(fault.inertia_kg_m2))):
                 raise ValueError(f"{where}: no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
@@ -189,10 +189,7 @@ def _override(data: dict[str, Any], key: str, value: Any) -> None:
     node: Any = data
     *parents, last = key.split(".")
     for part in parents:
-        if isinstance(node, list):
-            node = _element(node, part, key)
-        else:
-            node = node.setdefault(part, {})
+        node = _element(node, part, key) if isinstance(node, list) else node.setdefault(part, {})
         if not isinstance(node, dict | list):
             raise BadInput(f"--set {key}: {part!r} is a value and has no keys")
     if isinstance(node, list):
@@ -227,7 +224,7 @@ def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
     """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
     node = data
     for number, part in enumerate(location):
-        if isinstance(node, dict) and part in node or isinstance(node, list) and isinstance(part, int):
+        if (isinstance(node, dict) and part in node) or (isinstance(node, list) and isinstance(part, int)):
             yield str(part)
             node = node[part]  # type: ignore[index]  # checked above, by kind
         elif number == len(location) - 1 and isinstance(node, dict):

@@ -15,7 +15,7 @@ from sim.faults import FaultSchedule
 from sim.plant import Truth
 from sim.randomness import Stream
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 NonNegative = Annotated[float, Field(ge=0)]
 
@@ -76,7 +76,7 @@ class Noise(NamedTuple):
     gyro_bias: Array  # (..., 3) rad/s
     wheel: Array  # (..., wheels) standard normal
     age: Array | None  # (ticks, trials) s
-    missing: Array | None  # (..., 3) bool: attitude, gyro, wheels
+    missing: NDArray[np.bool_] | None  # (..., 3): attitude, gyro, wheels
 
 
 def draw_noise(settings: SensorSettings, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:

@@ -1,0 +1,52 @@
+"""What a tracking law is told, and how far the body is from where it should be."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models import quaternion
+
+Array = NDArray[np.floating]
+
+
+class Estimate(NamedTuple):
+    """The state that a control law acts on; leading axes: trial, agent, ..."""
+
+    q_BN: Array  # (..., 4)
+    omega_BN_B: Array  # (..., 3) rad/s
+    omega_wheel: Array  # (..., wheels) rad/s
+
+
+class Target(NamedTuple):
+    """A frame D to be followed, with its rate and acceleration relative to N."""
+
+    q_DN: Array  # (..., 4)
+    omega_DN_D: Array  # (..., 3) rad/s
+    alpha_DN_D: Array  # (..., 3) rad/s2
+
+
+class Controller(Protocol):
+    """A control law: frozen settings and one method."""
+
+    def step(self, estimate: Estimate, target: Target) -> Array:
+        """Torque on the body, (..., 3) N m in B."""
+        ...
+
+
+class TrackingError(NamedTuple):
+    """The body relative to the frame that it should follow."""
+
+    dq: Array  # (..., 4) q * q_d^-1, with a scalar part that is not negative
+    rotation: Array  # (..., 3, 3) A(dq), which maps D to B
+    rate: Array  # (..., 3) rad/s in B
+
+
+def tracking_error(estimate: Estimate, target: Target) -> TrackingError:
+    """Error quaternion and rate (Hill et al. 2021, eq. 13-15; Markley & Crassidis 2014, eq. 7.1, 7.11)."""
+    dq = quaternion.multiply(estimate.q_BN, quaternion.inverse(target.q_DN))
+    dq = dq * np.where(dq[..., 3:] < 0.0, -1.0, 1.0)
+    rotation = quaternion.attitude_matrix(dq)
+    return TrackingError(dq, rotation, estimate.omega_BN_B - (rotation @ target.omega_DN_D[..., None])[..., 0])
