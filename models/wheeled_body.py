@@ -22,8 +22,8 @@ class WheeledBody:
 
     dq/dt = Xi(q) omega / 2, J domega/dt = L - W tau - omega x (J omega + W J_w omega_w), J_w domega_w/dt = tau - J_w W' domega/dt
     (McCafferty-Leroux et al. 2024, eq. 1, 9, 10; Markley & Crassidis 2014, eq. 3.20, 3.147). The paper's u is W tau, the torque that
-    the motors exert on the wheels: the body feels -u. Its eq. 24 prints the gyroscopic term with a plus, which would feed energy
-    in; its eq. 10 leaves out the rate coupling W' domega/dt.
+    the motors exert on the wheels: the body feels -u. Its eq. 24 prints the gyroscopic term with a plus, which would turn the momentum
+    that must stay fixed in N; its eq. 10 leaves out the rate coupling W' domega/dt.
 
     Attributes:
       inertia: J of the whole with wheels locked, about the centre of rotation, (3, 3) kg m2. Any positive tensor is accepted.

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from estimation.extended_kalman import ExtendedFilter, GainLaw, KalmanGain
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
@@ -65,7 +65,7 @@ class ExtendedSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    tuning: str | Tuning = "consistent"
+    tuning: str | Tuning
     discretization: Literal["runge-kutta", "euler"] = "runge-kutta"
 
     @property
@@ -110,6 +110,12 @@ class NisSwitched(ExtendedSettings):
     tail_on: Annotated[float, Field(gt=0, lt=1)] = 0.001
     tail_off: Annotated[float, Field(gt=0, lt=1)] = 0.05
     dof: Positive | None = Field(None, description="measurements in a reading; default: all components, as in the paper")
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> NisSwitched:
+        if not self.tail_on < self.tail_off:
+            raise ValueError(f"tail_on = {self.tail_on:g}, tail_off = {self.tail_off:g}: needs on < off, or there is no hysteresis")
+        return self
 
     def law(self, boundary_layer: Array) -> GainLaw:
         """Gain that switches."""

@@ -19,6 +19,9 @@ Array = NDArray[np.floating]
 
 _TO_SCALAR_LAST = np.array([1, 2, 3, 0])
 
+# The plant reads the warning counters and fails; by default MuJoCo would print and write MUJOCO_LOG.TXT into the user's folder.
+mujoco.set_mju_user_warning(lambda _: None)
+
 
 class SimulationFailed(RuntimeError):
     """The physics became invalid; says which trial, when and why."""
@@ -58,7 +61,7 @@ class Plant:
         self.step_s = float(model.opt.timestep)
         self._batch = Batch(model, trials, threads)
         self._batch.reset(keyframe=model.keyframe(assembly.keyframe).id)
-        self._ticks_done = 0
+        self._steps_done = 0
         quaternion, rate = [], []
         for name in assembly.attitude_joints:
             joint = model.joint(name)
@@ -105,15 +108,15 @@ class Plant:
             self._batch.step(nstep=steps)
         except SimulationError as failure:
             self._fail(int(failure.ids[0]), self._batch.error(int(failure.ids[0])))
-        self._ticks_done += steps
         if self._batch.warning[..., 1].any():
             trial, kind = (int(i) for i in np.argwhere(self._batch.warning[..., 1])[0])
             self._fail(trial, f"MuJoCo warned {mujoco.mjtWarning(kind).name}")
         if not np.isfinite(self._batch.state).all():
             self._fail(int(np.argwhere(~np.isfinite(self._batch.state))[0, 0]), "the state is not finite")
+        self._steps_done += steps
 
     def _fail(self, trial: int, cause: str) -> None:
-        raise SimulationFailed(trial, self._ticks_done * self.step_s, cause)
+        raise SimulationFailed(trial, self._steps_done * self.step_s, cause)
 
     def set_mass_properties(self, trials: Array, inertia: Array, centre_of_mass: Array) -> None:
         """Give some trials another locked-wheel inertia (n, 3, 3) kg m2 and centre of mass (n, 3) m; rates are kept.

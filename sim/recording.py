@@ -57,6 +57,20 @@ class Recording:
         occurrences = tuple(o._replace(trial=place[o.trial]) for o in self.occurrences if o.trial in place)
         return Recording(self.dt, self.trials[keep], channels, self.thresholds, occurrences)
 
+    @staticmethod
+    def join(parts: list[Recording]) -> Recording:
+        """Recordings of the same run of different trials as one."""
+        first = parts[0]
+        channels = {
+            name: array if name.startswith("reference/") else np.concatenate([part.channels[name] for part in parts], axis=1)
+            for name, array in first.channels.items()
+        }
+        occurrences, before = [], 0
+        for part in parts:
+            occurrences += [o._replace(trial=o.trial + before) for o in part.occurrences]
+            before += len(part.trials)
+        return Recording(first.dt, np.concatenate([part.trials for part in parts]), channels, first.thresholds, tuple(occurrences))
+
 
 @dataclass(eq=False)
 class Recorder:

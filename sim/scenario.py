@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from models.inertia import tensor, why_impossible
 from models.nacs import ImpossibleInertia, NacsParameters, compile_nacs
 from sim.faults import Fault, InertiaChange, earliest_start, latest_end
-from sim.observers import TUNINGS, ObserverSettings
+from sim.observers import TUNINGS, ObserverSettings, Tuning
 from sim.references import ReferenceSettings
 from sim.sensors import SENSOR_SETS, SensorSettings
 
@@ -80,6 +81,7 @@ class Scenario(_Section):
     sensors: SensorSettings = SensorSettings()
     reference: ReferenceSettings
     control: PdSettings
+    tuning: str | Tuning = Field("consistent", description="of all observers that do not have their own")
     observers: dict[str, ObserverSettings]
     faults: tuple[Fault, ...] = ()
     published: Published | None = None
@@ -93,6 +95,16 @@ class Scenario(_Section):
         if name not in SENSOR_SETS:
             raise ValueError(f"no sensor set {name!r}; there are {', '.join(SENSOR_SETS)}")
         return SENSOR_SETS[name].model_dump() | {k: v for k, v in value.items() if k != "set"}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _common_tuning(cls, data: Any) -> Any:
+        """Give every observer without a tuning of its own the scenario's."""
+        if not isinstance(data, dict) or not isinstance(data.get("observers"), dict):
+            return data
+        tuning = data.get("tuning", cls.model_fields["tuning"].default)
+        observers = {name: {"tuning": tuning} | o if isinstance(o, dict) else o for name, o in data["observers"].items()}
+        return data | {"observers": observers}
 
     @field_validator("observers")
     @classmethod
@@ -206,27 +218,34 @@ def _element(items: list[Any], part: str, key: str) -> Any:
 
 
 def _first_complaint(invalid: ValidationError, data: dict[str, Any]) -> str:
-    error = invalid.errors()[0]
-    key = ".".join(_path_in_file(error["loc"], data))
+    """One line on the first key that is wrong; where a value may be of several kinds, what each would need."""
+    errors = invalid.errors()
+    key = ".".join(_path_in_file(errors[0]["loc"], data))
+    messages = [_message(error) for error in errors if ".".join(_path_in_file(error["loc"], data)) == key]
+    given = errors[0]["input"]
+    shown = f" (got {given!r})" if isinstance(given, str | int | float | list | tuple) and "got" not in messages[0] else ""
+    return (f"{key}: " if key else "") + ", or ".join(dict.fromkeys(messages)) + shown
+
+
+def _message(error: ErrorDetails) -> str:
+    last = error["loc"][-1] if error["loc"] else ""
     if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(error["loc"][-1]), _all_keys(), n=1)
-        return f"{key}: unknown key" + (f"; did you mean {near[0]}?" if near else "")
+        near = difflib.get_close_matches(str(last), _all_keys(), n=1)
+        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
     if error["type"] == "missing":
-        return f"{key}: is missing"
-    message = error["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:]
-    given = error["input"]
-    shown = f" (got {given!r})" if isinstance(given, str | int | float | list | tuple) and "got" not in message else ""
-    return f"{key}: {message}{shown}" if key else message
+        return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
+    text = error["msg"].removeprefix("Value error, ")
+    return text[:1].lower() + text[1:]
 
 
 def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
     """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
     node = data
     for number, part in enumerate(location):
-        if (isinstance(node, dict) and part in node) or (isinstance(node, list) and isinstance(part, int)):
+        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        if inside:
             yield str(part)
-            node = node[part]  # type: ignore[index]  # checked above, by kind
+            node = node[part]
         elif number == len(location) - 1 and isinstance(node, dict):
             yield str(part)
 

@@ -1,0 +1,190 @@
+"""How a recording opens in Rerun: tabs, views, the camera, and what is hidden at first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+TIMELINE = "sim_time"
+TRAIL_S = 15.0
+
+BACKGROUND = (17, 22, 30)
+UP = (0.0, 0.0, 1.0)
+BOTH_BODIES = {"position": (-0.385, -0.535, 1.31), "look_target": (0.125, -0.165, 1.115), "eye_up": UP}
+WHEELS = {"position": (-0.24, -0.19, 1.21), "look_target": (0.0, 0.0, 1.085), "eye_up": UP}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the tabs of one trial are made of.
+
+    Attributes:
+      prefix: of its entities; empty, or ending in a slash.
+      observers: names of all observers.
+      hybrids: those that declare faults.
+      body: entity of the floating body.
+      wheels: entities of the wheels.
+      shown: observer whose ghost is visible at first.
+      about: scales of what is drawn, for the title of the 3-D view.
+      duration_s: shown by the time axes; None: what there is.
+    """
+
+    prefix: str
+    observers: tuple[str, ...]
+    hybrids: tuple[str, ...]
+    body: str
+    wheels: tuple[str, ...]
+    shown: str | None
+    about: str
+    duration_s: float | None
+
+    def tabs(self) -> list[Any]:
+        """All tabs, each of views of its own: Rerun allows a view one parent only."""
+        return [self._overview(), self._estimators(), self._wheels(), self._control(), self._consistency(), self._run()]
+
+    def _overview(self) -> Any:
+        return rrb.Horizontal(
+            rrb.Vertical(self._testbed(), self._lanes(), self._events(), row_shares=[62, 19, 19]),
+            rrb.Vertical(
+                self._axes_error(),
+                self._plot("Body rate [deg/s]: truth, estimate (pale)", "rate/estimate", "rate/truth"),
+                self._plot("Wheel speed [rpm]", "wheels/speed"),
+                self._statistic(self.shown if self.shown in self.hybrids else next(iter(self.hybrids), None)),
+            ),
+            column_shares=[53, 47],
+            name="Overview",
+        )
+
+    def _estimators(self) -> Any:
+        return rrb.Vertical(
+            self._plot("Attitude error of every observer, angle [mrad]", "attitude/error/**"),
+            rrb.Horizontal(
+                self._plot("Rate error of every observer, length [deg/s]", "rate/error/**"),
+                self._plot("Wheel speed error of every observer, length [rpm]", "wheels/error/**"),
+            ),
+            rrb.Horizontal(self._axes_error(), self._lanes()),
+            name="Estimators",
+        )
+
+    def _wheels(self) -> Any:
+        about = f"Wheels and their momentum; {self.about.split(';', maxsplit=1)[0]}"
+        return rrb.Horizontal(
+            rrb.Vertical(
+                self._scene(about, WHEELS, [*(f"{w}/**" for w in self.wheels), self.body, f"{self.body}/outline/**", "world/lab/**"]),
+                self._plot("Wheel momentum [mN m s]", "wheels/momentum"),
+                self._lanes(),
+                row_shares=[54, 28, 18],
+            ),
+            rrb.Vertical(
+                self._plot("Wheel speed [rpm]", "wheels/speed"),
+                self._plot("Wheel torque, commanded [mN m]", "wheels/command"),
+                self._plot("Wheel torque, applied [mN m]", "wheels/applied"),
+            ),
+            name="Wheels",
+        )
+
+    def _control(self) -> Any:
+        return rrb.Horizontal(
+            rrb.Vertical(
+                self._plot("Attitude, rotation vector from N [deg]: truth, reference (pale)", "attitude/reference", "attitude/truth"),
+                self._plot("Tracking error, truth - reference [deg]", "attitude/tracking"),
+                self._plot("Torque on the body, commanded [mN m]", "control/torque_B"),
+            ),
+            rrb.Vertical(
+                self._plot("Body rate [deg/s]: truth, reference (pale)", "rate/reference", "rate/truth"),
+                self._plot("Total angular momentum in N [mN m s]", "physics/momentum"),
+                self._plot("Mechanical energy [J]", "physics/energy"),
+            ),
+            name="Control",
+        )
+
+    def _consistency(self) -> Any:
+        return rrb.Horizontal(
+            rrb.Vertical(*(self._statistic(name) for name in self.hybrids), self._lanes()),
+            rrb.Vertical(
+                self._plot("NIS of every observer [-], 95 % band", "consistency/nis/**", "consistency/nis_band", high=50.0),
+                self._plot("NEES of every observer [-], 95 % band", "consistency/nees/**", "consistency/nees_band", high=50.0),
+            ),
+            name="Consistency",
+        )
+
+    def _run(self) -> Any:
+        document = rrb.TextDocumentView(name="Configuration", origin="/configuration")
+        return rrb.Horizontal(document, self._events(), column_shares=[55, 45], name="Run")
+
+    def _testbed(self) -> Any:
+        who = f"Testbed, and what {self.shown} believes; " if self.shown else "Testbed; "
+        return self._scene(f"{who}{self.about}", BOTH_BODIES, ["world/**", f"- {self.body}/outline/**"])
+
+    def _axes_error(self) -> Any:
+        return self._plot(f"Attitude error of {self.shown}, estimate - truth [mrad], band: 1 sigma", "attitude/error_axes")
+
+    def _statistic(self, hybrid: str | None) -> Any:
+        if hybrid is None:
+            return self._plot("NIS of every observer [-], 95 % band", "consistency/nis/**", "consistency/nis_band", high=50.0)
+        return self._plot(f"Smoothed NIS of {hybrid} [-]", f"consistency/statistic/{rr.escape_entity_path_part(hybrid)}")
+
+    def _plot(self, name: str, *contents: str, high: float | None = None) -> Any:
+        return rrb.TimeSeriesView(
+            name=name,
+            origin=f"/{self.prefix}",
+            contents=[f"/{self.prefix}{path}" for path in contents],
+            axis_x=self._time_axis(),
+            axis_y=None if high is None else rrb.ScalarAxis(range=(0.0, high)),
+            plot_legend=rrb.PlotLegend("RightTop"),
+        )
+
+    def _time_axis(self) -> Any:
+        if self.duration_s is None:
+            return rrb.TimeAxis()
+        start, end = (rr.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, self.duration_s))
+        return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+
+    def _scene(self, name: str, eye: dict[str, Any], contents: Iterable[str]) -> Any:
+        hidden = {
+            f"{self.prefix}world/{what}/{rr.escape_entity_path_part(observer)}": rrb.EntityBehavior(visible=False)
+            for what in ("estimate", "magnified", "labels")
+            for observer in self.observers
+            if observer != self.shown
+        }
+        trail = rrb.VisibleTimeRanges(
+            timeline=TIMELINE,
+            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        )
+        return rrb.Spatial3DView(
+            name=name,
+            origin=f"/{self.prefix}world",
+            contents=[f"- /{self.prefix}{path[2:]}" if path.startswith("- ") else f"/{self.prefix}{path}" for path in contents],
+            background=rrb.Background(color=BACKGROUND, kind="SolidColor"),
+            line_grid=rrb.LineGrid3D(visible=False),
+            eye_controls=rrb.EyeControls3D(kind="Orbital", **eye),
+            overrides={**hidden, f"{self.prefix}world/trail": trail},
+        )
+
+    def _lanes(self) -> Any:
+        return rrb.StateTimelineView(
+            name="Faults, and what each detector declares", origin=f"/{self.prefix}state", time_view=self._time_axis()
+        )
+
+    def _events(self) -> Any:
+        columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"])
+        return rrb.TextLogView(name="Events", origin=f"/{self.prefix}events", columns=columns)
+
+
+def blueprint(trials: dict[str, Layout]) -> Any:
+    """Blueprint of a recording: the tabs of its trial, or a tab of tabs for each of several."""
+    first, *others = trials.values()
+    tabs = first.tabs() if not others else [rrb.Tabs(*layout.tabs(), name=label) for label, layout in trials.items()]
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=0),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused", loop_mode="all"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )

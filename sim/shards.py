@@ -1,0 +1,111 @@
+"""Trials in shards: blocks that are simulated together, in this process or in several; no result depends on how they are cut."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.build import build
+from sim.loop import run
+from sim.metrics import Metric, evaluate
+from sim.plant import SimulationFailed
+from sim.recording import Recorder, Recording
+from sim.scenario import Scenario
+
+TRIALS_PER_SHARD = 64  # where the cost of a trial has stopped to fall; 0.1 GB of recording
+
+
+@dataclass(frozen=True, eq=False)
+class Shard:
+    """What a block of trials gave; after a failure the recording ends early and there are no metrics.
+
+    Attributes:
+      trials: their numbers, (trials,).
+      metrics: one value a trial each.
+      recording: of the trials that were to be recorded; of the failed one after a failure.
+      failure: what went wrong.
+    """
+
+    trials: NDArray[np.int64]
+    metrics: list[Metric]
+    recording: Recording | None
+    failure: str | None = None
+
+
+Progress = Callable[[int], None]
+
+
+def cut(trials: NDArray[np.int64], workers: int) -> list[NDArray[np.int64]]:
+    """Blocks of trials, at least one for each worker where there are enough trials."""
+    count = max(int(np.ceil(len(trials) / TRIALS_PER_SHARD)), min(workers, len(trials)))
+    return [block for block in np.array_split(trials, count) if len(block)]
+
+
+def simulate(
+    scenario: Scenario, trials: NDArray[np.int64], recorded: NDArray[np.int64], on_tick: Callable[[int, Recorder], None] | None = None
+) -> Shard:
+    """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception."""
+    system = build(scenario, trials)
+    try:
+        recording = run(system, on_tick)
+    except SimulationFailed as failure:
+        kept = failure.recording
+        where = np.flatnonzero(trials == failure.trial)
+        return Shard(trials, [], kept.select(where) if kept is not None and kept.ticks else None, str(failure))
+    keep = np.flatnonzero(np.isin(trials, recorded))
+    return Shard(trials, evaluate(recording, system.plant.assembly), recording.select(keep) if len(keep) else None)
+
+
+def simulate_all(
+    scenario: Scenario,
+    blocks: list[NDArray[np.int64]],
+    recorded: NDArray[np.int64],
+    workers: int,
+    progress: Progress,
+    on_tick: Callable[[int, Recorder], None] | None = None,
+) -> Iterator[Shard]:
+    """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
+    if workers == 1:
+        for number, block in enumerate(blocks):
+
+            def tick(k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
+                progress(size)
+                if on_tick and first:
+                    on_tick(k, recorder)
+
+            yield simulate(scenario, block, recorded, tick)
+        return
+    # spawned, not forked: a fork would inherit MuJoCo's threads
+    pool = ProcessPoolExecutor(min(workers, len(blocks)), mp_context=multiprocessing.get_context("spawn"))
+    try:
+        waiting = [pool.submit(simulate, scenario, block, recorded) for block in blocks]
+        for done in as_completed(waiting):
+            shard = done.result()
+            progress(len(shard.trials) * scenario.run.ticks)
+            yield shard
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], Recording | None]:
+    """Trials in order, with their metrics and recordings, of shards that finished in any order."""
+    shards = sorted((s for s in shards if s.metrics), key=lambda s: int(s.trials[0]))
+    if not shards:
+        return np.zeros(0, dtype=np.int64), [], None
+    rows: dict[tuple[str, str, str, str], list[tuple[int, NDArray[np.floating]]]] = {}
+    for number, shard in enumerate(shards):
+        for metric in shard.metrics:
+            rows.setdefault(metric[:4], []).append((number, metric.values))
+    metrics = []
+    for key, parts in rows.items():
+        found = dict(parts)
+        # a phase that no trial of a shard has is no number there
+        values = [found.get(number, np.full(len(shard.trials), np.nan)) for number, shard in enumerate(shards)]
+        metrics.append(Metric(*key, np.concatenate(values)))
+    recordings = [s.recording for s in shards if s.recording is not None]
+    return np.concatenate([s.trials for s in shards]), metrics, Recording.join(recordings) if recordings else None

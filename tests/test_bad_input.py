@@ -1,0 +1,107 @@
+"""What a user can get wrong: one line that says what, where and what would be right; exit code 2; nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sim.scenario import SCENARIOS
+
+SETTINGS = [
+    ("plant.mas_kg=3", ["plant.mas_kg", "unknown key", "mass_kg"]),
+    ("run.ticks=many", ["run.ticks", "integer", "'many'"]),
+    ("run.trials=0", ["run.trials", "greater than or equal to 1", "0"]),
+    ("run.tick_s=0.0125", ["run.tick_s", "0.0125", "whole number of physics steps", "0.01"]),
+    ("plant.inertia_kg_m2=printed", ["plant.inertia_kg_m2", "triangle inequality", "0.173014"]),
+    ("plant.inertia_kg_m2=[1,1,1,2,0,0]", ["plant.inertia_kg_m2", "not positive"]),
+    ("plant.inertia_kg_m2=[1,1,1]", ["plant.inertia_kg_m2"]),
+    ("plant.wheel_imbalance_um=1", ["step_s", "imbalance", "0.0005"]),
+    ("plant.mass_kg=0.2", ["mass_kg", "exceed"]),
+    ("sensors.set=perfect", ["sensors", "'perfect'", "bench, paper, vn100, ideal"]),
+    ("sensors.gyro_noise_deg=1", ["sensors.gyro_noise_deg", "unknown key", "gyro_noise_rad_s"]),
+    ("sensors.dropout_probability=1.5", ["sensors.dropout_probability", "less than 1"]),
+    ("observers.ekf.type=ukff", ["observers.ekf", "'ukff'", "'ekf'"]),
+    ("observers.ekf.tuning=best", ["ekf.tuning", "'best'", "paper, consistent"]),
+    ("observers.nis-fading.alpha=1.2", ["observers.nis-fading.alpha", "less than 1"]),
+    ("observers.nis-fading.tail_on=0.2", ["observers.nis-fading", "on < off"]),
+    ("control.feedback=nis", ["control.feedback", "'nis'", "nis-fading", "truth", "measurement"]),
+    ("reference.amplitude_deg=[4,6]", ["reference.amplitude_deg"]),
+    ("faults=[{kind='float',wheel=5,start_s=1,duration_s=1}]", ["faults.0", "no wheel 5", "1 to 4"]),
+    ("faults=[{kind='flaot',wheel=1,start_s=1,duration_s=1}]", ["faults.0", "'flaot'", "'float'"]),
+    ("faults=[{kind='float',wheel=1,duration_s=1}]", ["faults.0.start_s", "missing"]),
+    ("faults=[{kind='float',wheel=1,start_s=99.5,duration_s=1}]", ["faults.0 (float)", "99.5 to 100.5 s", "0 to 100 s"]),
+    ("faults=[{kind='effectiveness',wheel=1,remaining={uniform=[2,1]},start_s=1,duration_s=1}]", ["faults.0.remaining", "low < high"]),
+    ("faults=[{kind='inertia',inertia_kg_m2=[1,1,3,0,0,0],start_s=1,duration_s=1}]", ["faults.0 (inertia)", "triangle inequality"]),
+    ("title.deep=1", ["--set title.deep", "'title' is a value"]),
+    ("plant.mass_kg.deep=1", ["plant.mass_kg"]),
+    ("run", ["--set run", "key.sub=value"]),
+]
+
+
+@pytest.mark.parametrize(("setting", "wanted"), SETTINGS, ids=[s for s, _ in SETTINGS])
+def test_a_wrong_setting_is_one_line_naming_file_and_key(nacs, tmp_path: Path, setting: str, wanted: list[str]) -> None:
+    result = nacs("run", "nacs/fault-free", "--set", setting)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.startswith("error: ")
+    assert result.err.count("\n") == 1
+    for part in wanted:
+        assert part in result.err
+    assert not list(tmp_path.iterdir())
+
+
+ARGUMENTS = [
+    (["nacs/fault-fre"], ["no scenario 'nacs/fault-fre'", "did you mean nacs/fault-free?"]),
+    (["what/ever"], ["no scenario 'what/ever'", "nacs list"]),
+    (["mine.toml"], ["no scenario file mine.toml"]),
+    (["nacs/fault-free", "--trials", "0"], ["run.trials", "greater than or equal to 1"]),
+    (["nacs/fault-free", "--seed", "-1"], ["run.seed", "greater than or equal to 0"]),
+    (["nacs/fault-free", "--only-trial", "10"], ["--only-trial 10", "0 to 9"]),
+    (["nacs/fault-free", "--out", "/proc/nowhere"], ["--out /proc/nowhere", "cannot be written"]),
+    (["nacs/fault-free", "--live"], ["--live", "no Rerun viewer", "127.0.0.1"]),
+    (["nacs/fault-free", "--live", "--workers", "2"], ["--live needs --workers 1"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "wanted"), ARGUMENTS, ids=[" ".join(a) for a, _ in ARGUMENTS])
+def test_a_wrong_argument_is_one_line_and_writes_nothing(nacs, tmp_path: Path, arguments: list[str], wanted: list[str]) -> None:
+    result = nacs("run", *arguments)
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    for part in wanted:
+        assert part in result.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_broken_file_names_its_line(nacs, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[run\nticks = 3\n")
+    result = nacs("run", "mine.toml")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "mine.toml" in result.err
+    assert "line 1" in result.err
+
+
+def test_a_folder_with_results_is_not_overwritten_silently(nacs, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "summary.json").write_text("precious")
+    result = nacs("run", "nacs/fault-free", "--set", "run.ticks=5", "--out", "mine")
+    assert result.code == 2
+    assert "--overwrite" in result.err
+    assert (tmp_path / "mine" / "summary.json").read_text() == "precious"
+
+
+def test_the_viewer_needs_a_display(nacs, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    result = nacs("view", "nacs/fault-free")
+    assert result.code == 2
+    assert "display" in result.err
+
+
+def test_a_users_own_file_works_by_path(nacs, tmp_path: Path) -> None:
+    text = (SCENARIOS / "nacs" / "fault-free.toml").read_text().replace("ticks = 1000", "ticks = 5").replace("trials = 10", "trials = 1")
+    (tmp_path / "mine.toml").write_text(text)
+    result = nacs("run", "mine.toml")
+    assert result.code == 0, result.err
+    assert (tmp_path / "runs" / "mine" / "summary.json").is_file()
