@@ -57,12 +57,26 @@ def symmetrize(matrix: Array) -> Array:
 
 
 def cholesky(matrix: Array) -> Array:
-    """Lower Cholesky factors of (..., n, n); raises LostDefiniteness naming the first matrix that has none."""
+    """Lower Cholesky factors of (..., n, n); raises LostDefiniteness naming the first matrix that has none, or has a NaN."""
     try:
-        return np.linalg.cholesky(matrix)
+        root = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
-        smallest = np.linalg.eigvalsh(np.nan_to_num(matrix, nan=-1.0))[..., 0]
-        raise LostDefiniteness(tuple(int(i) for i in np.argwhere(smallest <= 0)[0])) from None
+        raise LostDefiniteness(_first_lost(matrix)) from None
+    if not np.isfinite(np.diagonal(root, axis1=-2, axis2=-1)).all():
+        raise LostDefiniteness(_first_lost(matrix))
+    return root
+
+
+def _first_lost(matrix: Array) -> tuple[int, ...]:
+    """Index of the first matrix without a Cholesky factor; one by one, since it ends a run."""
+    for index in np.ndindex(matrix.shape[:-2]):
+        try:
+            if np.isfinite(np.linalg.cholesky(matrix[index])).all():
+                continue
+        except np.linalg.LinAlgError:
+            pass
+        return index
+    return ()
 
 
 def innovate(covariance: Array, residual: Array, noise: Array) -> Innovation:
@@ -95,7 +109,8 @@ def innovate(covariance: Array, residual: Array, noise: Array) -> Innovation:
     nis = np.einsum("...i,...i->...", whitened, whitened)
     dof = np.sum(~missing, axis=-1, dtype=float)
     log_det = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
-    gain = np.linalg.solve(root.swapaxes(-1, -2), cross).swapaxes(-1, -2)
+    # in C order, so that the products to come give the same bits whether or not a gain law has copied it
+    gain = np.ascontiguousarray(np.linalg.solve(root.swapaxes(-1, -2), cross).swapaxes(-1, -2))
     return Innovation(residual, gain, nis, -0.5 * (nis + log_det + dof * LOG_TWO_PI), dof)
 
 

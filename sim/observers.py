@@ -16,7 +16,7 @@ from estimation.stacking import stack, stackable
 from estimation.state_space import Additive, Multiplicative
 from models.process import ProcessModel, predict, predict_euler
 from models.quaternion import IDENTITY
-from sim.sensors import SensorSettings
+from sim.sensors import RPM, SensorSettings
 
 Array = NDArray[np.floating]
 
@@ -32,13 +32,12 @@ class Tuning(BaseModel):
     process_noise: Triple = Field(description="variances added in a tick, Q")
     measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
     boundary_layer: Triple = Field(description="delta of the sliding innovation gain")
-    wheel_unit: Literal["rad/s", "V"] = Field("rad/s", description="V: of the drive's monitor output, 4 V at the sensors' full scale")
-
+    wheel_unit_rad_s: Positive = Field(1.0, description="wheel speed in which the wheels' entries are counted")
     wheel_drag: bool = Field(False, description="the model knows the wheels' friction, as a spin-down test would identify it")
 
     def scaled(self, sensors: SensorSettings) -> tuple[Array, Array, Array]:
         """Q, R (variances) and delta in rad/s: (3,) each."""
-        scale = sensors.wheel_full_scale_rad_s / 4.0 if self.wheel_unit == "V" else 1.0
+        scale = self.wheel_unit_rad_s
         variance, deviation = np.array([1.0, 1.0, scale**2]), np.array([1.0, 1.0, scale])
         if self.measurement_noise == "sensors":
             rotation, rate, wheel = sensors.variances
@@ -48,11 +47,17 @@ class Tuning(BaseModel):
         return np.array(self.process_noise) * variance, measurement, np.array(self.boundary_layer) * deviation
 
 
-# `paper`: McCafferty-Leroux et al. (2024, sec. 5); its NIS is of order 11 only if the wheels are read in volts (docs/errata.md).
+# 1 V of the drives' monitor output at 4 V = 2000 rpm: the reading with which the paper's Q and R give the detection that it reports.
+MONITOR_VOLT_RAD_S = 2000 * RPM / 4.0
+
+# `paper`: McCafferty-Leroux et al. (2024, sec. 5), wheels in volts (docs/errata.md).
 # `consistent`: R of the simulated sensors, Q of the mismatch between plant and analytic model (docs/consistency.md).
 TUNINGS: dict[str, Tuning] = {
     "paper": Tuning(
-        process_noise=(4e-5, 4e-5, 4e-5), measurement_noise=(3e-6, 3e-6, 2.42e-3), boundary_layer=(4e-4, 8e-3, 0.02), wheel_unit="V"
+        process_noise=(4e-5, 4e-5, 4e-5),
+        measurement_noise=(3e-6, 3e-6, 2.42e-3),
+        boundary_layer=(4e-4, 8e-3, 0.02),
+        wheel_unit_rad_s=MONITOR_VOLT_RAD_S,
     ),
     "consistent": Tuning(
         process_noise=(1e-10, 4e-7, 1.3e-2), measurement_noise="sensors", boundary_layer=(4e-4, 8e-3, 2.0), wheel_drag=True

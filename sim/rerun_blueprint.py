@@ -15,7 +15,7 @@ TRAIL_S = 15.0
 BACKGROUND = (17, 22, 30)
 UP = (0.0, 0.0, 1.0)
 BOTH_BODIES = {"position": (-0.385, -0.535, 1.31), "look_target": (0.125, -0.165, 1.115), "eye_up": UP}
-WHEELS = {"position": (-0.24, -0.19, 1.21), "look_target": (0.0, 0.0, 1.085), "eye_up": UP}
+WHEELS = {"position": (-0.22, -0.15, 1.21), "look_target": (0.0, 0.0, 1.075), "eye_up": UP}
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class Layout:
                 self._plot("Body rate [deg/s]: truth, estimate (pale)", "rate/estimate", "rate/truth"),
                 self._plot("Wheel speed [rpm]", "wheels/speed"),
                 self._statistic(self.shown if self.shown in self.hybrids else next(iter(self.hybrids), None)),
+                row_shares=[22, 21, 32, 25],
             ),
             column_shares=[53, 47],
             name="Overview",
@@ -83,6 +84,7 @@ class Layout:
                 self._plot("Wheel speed [rpm]", "wheels/speed"),
                 self._plot("Wheel torque, commanded [mN m]", "wheels/command"),
                 self._plot("Wheel torque, applied [mN m]", "wheels/applied"),
+                row_shares=[40, 30, 30],
             ),
             name="Wheels",
         )
@@ -168,7 +170,7 @@ class Layout:
 
     def _lanes(self) -> Any:
         return rrb.StateTimelineView(
-            name="Faults, and what each detector declares", origin=f"/{self.prefix}state", time_view=self._time_axis()
+            name="Faults, and the gain that each detector chooses", origin=f"/{self.prefix}state", time_view=self._time_axis()
         )
 
     def _events(self) -> Any:

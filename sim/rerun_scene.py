@@ -56,7 +56,7 @@ def observer_colours(observers: Iterable[str]) -> dict[str, Colour]:
         colours[name] = SPARE[i % len(SPARE)]
         if code := OBSERVER_COLORS.get(name):
             hue, _, saturation = colorsys.rgb_to_hls(*(int(code[k : k + 2], 16) / 255.0 for k in (1, 3, 5)))
-            red, green, blue = colorsys.hls_to_rgb(hue, 0.66, min(1.0, 1.25 * saturation))
+            red, green, blue = colorsys.hls_to_rgb(hue, 0.72, min(1.0, 1.3 * saturation))
             colours[name] = (round(255 * red), round(255 * green), round(255 * blue))
     return colours
 

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from models import quaternion
 from models.assembly import Assembly
 from sim.loop import System
-from sim.plant import diagnose
+from sim.plant import Diagnostics, diagnose
 from sim.recording import Recorder, Recording
 from sim.rerun_blueprint import TIMELINE, Layout, blueprint
 from sim.rerun_scene import (
@@ -114,14 +114,16 @@ def write_recording(
         _describe(stream, scenario_name, configuration)
         for i, prefix in enumerate(prefixes.values()):
             one = recording.select(np.array([i]))
-            _start(stream, prefix, one.thresholds, assembly, shown, one.channels["reference/q"])
-            for entity, columns in _motion(one, assembly, scales):
+            _start(stream, prefix, one.thresholds, assembly, one.channels["reference/q"])
+            truth = diagnose(assembly, one.channels["truth/qpos"][:, 0], one.channels["truth/qvel"][:, 0])
+            for entity, columns in _motion(one, truth, assembly, scales):
                 stream.send_columns(prefix + entity, [time], columns)
-            for curve in _curves(one, assembly, shown):
+            for curve in _curves(one, truth, assembly, shown):
                 stream.log(prefix + curve.path, _style(curve), static=True)
                 stream.send_columns(prefix + curve.path, [time], _columns(curve))
-            _name_faults(stream, prefix, [o.text for o in one.occurrences])
-            for lane, changes in _lanes(one).items():
+            lanes = _lanes(one)
+            _name_faults(stream, prefix, [state for _, state in lanes["fault"]])
+            for lane, changes in lanes.items():
                 ticks, states = zip(*changes, strict=True)
                 stream.send_columns(f"{prefix}state/{lane}", [_time(one.dt * np.array(ticks))], rr.StateChange.columns(state=states))
             ticks, levels, texts = zip(*_events(one, scenario_name), strict=True)
@@ -152,7 +154,7 @@ class LiveStream:
         self._stream.connect_grpc(url, default_blueprint=layout)
         self._stream.disable_timeline("log_time")
         _describe(self._stream, scenario_name, configuration)
-        _start(self._stream, "", self._thresholds, system.plant.assembly, self._shown, system.target.q_DN)
+        _start(self._stream, "", self._thresholds, system.plant.assembly, system.target.q_DN)
         _name_faults(self._stream, "", [o.text for o in system.faults.occurrences if o.trial == 0])
 
     def on_tick(self, tick: int, recorder: Recorder) -> None:
@@ -160,9 +162,10 @@ class LiveStream:
         now = self._instant(tick, recorder)
         time = _time(np.array([tick * recorder.dt]))
         assembly, first = self._system.plant.assembly, not self._lanes
-        for entity, columns in _motion(now, assembly, self._scales):
+        truth = diagnose(assembly, now.channels["truth/qpos"][:, 0], now.channels["truth/qvel"][:, 0])
+        for entity, columns in _motion(now, truth, assembly, self._scales):
             self._stream.send_columns(entity, [time], columns)
-        for curve in _curves(now, assembly, self._shown):
+        for curve in _curves(now, truth, assembly, self._shown):
             if first:
                 self._stream.log(curve.path, _style(curve), static=True)
             self._stream.send_columns(curve.path, [time], _columns(curve))
@@ -245,7 +248,7 @@ def _flat(settings: Any, prefix: str = "") -> Iterator[tuple[str, str | float]]:
             yield name, json.dumps(value, default=str)
 
 
-def _start(stream: Any, prefix: str, thresholds: Thresholds, assembly: Assembly, shown: str | None, q_DN: Array) -> None:
+def _start(stream: Any, prefix: str, thresholds: Thresholds, assembly: Assembly, q_DN: Array) -> None:
     """Everything that does not change in a trial."""
     log_scene(stream, prefix, assembly, observer_colours(thresholds))
     mount, pivot = lab_of_N(assembly), assembly.model.body_pos[floating_body(assembly)]
@@ -253,22 +256,19 @@ def _start(stream: Any, prefix: str, thresholds: Thresholds, assembly: Assembly,
     stream.log(f"{prefix}world/reference_trace", rr.LineStrips3D([trace], colors=[(*REFERENCE, 120)], radii=0.0007), static=True)
     for name, limits in thresholds.items():
         if limits:
-            states = rr.StateConfiguration(
-                values=["healthy", "declared"], labels=["Kalman gain", "FAULT: sliding gain"], colors=[HEALTHY, ALERT]
-            )
+            states = rr.StateConfiguration(values=["healthy", "declared"], labels=["Kalman gain", "sliding gain"], colors=[HEALTHY, ALERT])
             stream.log(f"{prefix}state/{rr.escape_entity_path_part(name)}", states, static=True)
 
 
-def _name_faults(stream: Any, prefix: str, texts: list[str]) -> None:
+def _name_faults(stream: Any, prefix: str, states: list[str]) -> None:
     """Colour the lane of faults: calm while there is none."""
-    values = ["none", *dict.fromkeys(texts)]
+    values = list(dict.fromkeys(["none", *states]))
     stream.log(f"{prefix}state/fault", rr.StateConfiguration(values=values, colors=[CALM, *[ALERT] * (len(values) - 1)]), static=True)
 
 
-def _motion(recording: Recording, assembly: Assembly, scales: Scales) -> Iterator[tuple[str, Any]]:
+def _motion(recording: Recording, truth: Diagnostics, assembly: Assembly, scales: Scales) -> Iterator[tuple[str, Any]]:
     """Entities that move, with their columns, of a recording of one trial."""
     state = recording.channels["truth/state"][:, 0]
-    truth = diagnose(assembly, recording.channels["truth/qpos"][:, 0], recording.channels["truth/qvel"][:, 0])
     root, mount = floating_body(assembly), lab_of_N(assembly)
     pivot = truth.position[:, root]
     for body in range(1, assembly.model.nbody):
@@ -296,13 +296,12 @@ def _motion(recording: Recording, assembly: Assembly, scales: Scales) -> Iterato
         yield f"{body_path(assembly.scene, int(place.bodyid[0]))}/momentum", rr.Arrows3D.columns(vectors=arrow)
 
 
-def _curves(recording: Recording, assembly: Assembly, shown: str | None) -> Iterator[Curve]:
+def _curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: str | None) -> Iterator[Curve]:
     """Time series of a recording of one trial; channels that it lacks are left out."""
     get = {name: array if name.startswith("reference/") else array[:, 0] for name, array in recording.channels.items()}
     state, wheels = get["truth/state"], wheel_colours(assembly)
     colours = observer_colours(recording.observers)
     q_BN, omega, speed = state[:, :4], state[:, 4:7], state[:, 7:]
-    motion = diagnose(assembly, get["truth/qpos"], get["truth/qvel"])
     target, numbered = get["reference/q"], tuple(f"RW{i + 1}" for i in range(speed.shape[1]))
 
     def xyz(what: str, unit: str) -> tuple[str, ...]:
@@ -322,10 +321,10 @@ def _curves(recording: Recording, assembly: Assembly, shown: str | None) -> Iter
     yield Curve("wheels/command", each("mN m"), tuple(wheels), 1e3 * get["command"])
     yield Curve("wheels/applied", each("mN m"), tuple(wheels), 1e3 * get["applied"])
     yield Curve("control/torque_B", xyz("", "mN m"), AXES, 1e3 * get["torque_B"])
-    momentum = 1e3 * motion.momentum_N
+    momentum = 1e3 * truth.momentum_N
     total = np.concatenate([momentum, np.linalg.norm(momentum, axis=-1, keepdims=True)], axis=-1)
     yield Curve("physics/momentum", (*xyz("", "mN m s"), "length [mN m s]"), (*AXES, TOTAL), total)
-    yield Curve("physics/energy", ("energy [J]",), (TRUTH,), motion.energy[:, None])
+    yield Curve("physics/energy", ("energy [J]",), (TRUTH,), truth.energy[:, None])
     for name, colour in colours.items():
         part, mean = rr.escape_entity_path_part(name), get[f"{name}/mean"]
         q_est, one = quaternion.normalize(mean[:, :4]), name == shown
@@ -383,18 +382,16 @@ def _lanes(recording: Recording) -> dict[str, list[tuple[int, str]]]:
 
 def _events(recording: Recording, scenario_name: str) -> list[tuple[int, str, str]]:
     """What happened in a recording of one trial, as (tick, level, text), in order."""
+    faults = [o for o in recording.occurrences if o.start_tick < recording.ticks]
     events = [(0, "INFO", f"start of {scenario_name}, trial {recording.trials[0]}")]
-    for o in recording.occurrences:
-        events.append((o.start_tick, "ERROR", f"fault begins: {o.text}"))
-        if o.end_tick < recording.ticks:
-            events.append((o.end_tick, "INFO", f"fault ends: {o.text}"))
-    fault = recording.channels["fault"][:, 0]
+    events += [(o.start_tick, "ERROR", f"fault begins: {o.text}") for o in faults]
+    events += [(o.end_tick, "INFO", f"fault ends: {o.text}") for o in faults if o.end_tick < recording.ticks]
     for name in _hybrids(recording.thresholds):
         declared = recording.channels[f"{name}/declared"][:, 0].astype(bool)
-        for k in np.flatnonzero(np.diff(declared, prepend=False)):
-            since = [o.start_tick for o in recording.occurrences if o.start_tick <= k]
-            late = f", {recording.dt * (k - max(since)):.1f} s after its start" if since and fault[k] else ", without a fault"
-            events.append((int(k), "WARN", f"{name} declares a fault{late}") if declared[k] else (int(k), "INFO", f"{name} withdraws it"))
+        for k in map(int, np.flatnonzero(np.diff(declared, prepend=False))):
+            began = max((o.start_tick for o in faults if o.start_tick <= k), default=None)
+            cause = "though none has begun" if began is None else f"{recording.dt * (k - began):.1f} s after the last one began"
+            events.append((k, "WARN", f"{name} declares a fault, {cause}") if declared[k] else (k, "INFO", f"{name} withdraws its fault"))
     return [*sorted(events, key=lambda e: e[0]), (recording.ticks - 1, "INFO", "end of the recording")]
 
 

@@ -59,7 +59,7 @@ class SensorSettings(BaseModel):
 # `vn100`: datasheet densities over a 5 Hz bandwidth. Sources in docs/parameters.md.
 SENSOR_SETS: dict[str, SensorSettings] = {
     "bench": SensorSettings(),
-    "paper": SensorSettings(attitude_noise_rad=2 * 3e-6**0.5, gyro_noise_rad_s=3e-6**0.5, wheel_noise_rad_s=2.42e-3**0.5 / 4 * 8000 * RPM),
+    "paper": SensorSettings(attitude_noise_rad=2 * 3e-6**0.5, gyro_noise_rad_s=3e-6**0.5, wheel_noise_rad_s=2.42e-3**0.5 * 2000 * RPM / 4),
     "vn100": SensorSettings(attitude_noise_rad=4e-4, gyro_noise_rad_s=6.1e-5 * 5**0.5, wheel_noise_rad_s=0.5),
     "ideal": SensorSettings(
         attitude_noise_rad=0, gyro_noise_rad_s=0, gyro_bias_rad_s=0, gyro_bias_walk_rad_s_sqrt_s=0,

@@ -1,0 +1,81 @@
+"""Every scenario runs, and the four cases say of the filters what the paper says of them, judged by the truth."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from sim.build import build
+from sim.loop import run
+from sim.metrics import evaluate
+from sim.scenario import load, names
+
+HYBRIDS = ("nis-windowed", "nis-fading")
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_scenario_runs_and_leaves_its_four_files(nacs, tmp_path, name: str) -> None:
+    faults = load(name).faults
+    settings = [
+        "run.ticks=60",
+        *(f"faults.{i}.start_s=2" for i in range(len(faults))),
+        *(f"faults.{i}.duration_s=1" for i in range(len(faults))),
+    ]
+    result = nacs("run", name, "--trials", 2, "--out", "it", *(part for s in settings for part in ("--set", s)))
+    assert result.code == 0, result.err
+    assert sorted(p.name for p in (tmp_path / "it").iterdir()) == ["recording.rrd", "report.png", "summary.json", "trials.parquet"]
+    summary = json.loads((tmp_path / "it" / "summary.json").read_text())
+    assert {"scenario", "seed", "trials", "versions", "wall_s", "sim_s", "rows"} <= summary.keys()
+    assert (summary["scenario"], summary["trials"]) == (name, 2)
+    assert all(row.keys() == {"subject", "metric", "phase", "unit", "mean", "std", "min", "max", "n"} for row in summary["rows"])
+    assert {row["subject"] for row in summary["rows"]} == {"ekf", "mekf", "sif", *HYBRIDS, "loop"}
+    assert "paper" in result.out
+
+
+def figures(name: str, seed: int) -> dict[tuple[str, str], float]:
+    """Mean over ten trials of each metric over the whole run."""
+    system = build(load(name, {"run.seed": seed}), np.arange(10))
+    return {
+        (m.subject, m.metric): float(np.nanmean(m.values))
+        for m in evaluate(run(system), system.plant.assembly)
+        if m.phase == "all" and np.isfinite(m.values).any()
+    }
+
+
+@pytest.mark.parametrize("seed", [4711, 90125])
+def test_without_a_fault_the_hybrids_are_the_ekf(seed: int) -> None:
+    found = figures("nacs/fault-free", seed)
+    for hybrid in HYBRIDS:
+        for metric in ("rmse_truth_quaternion", "rmse_truth_rate"):
+            assert found[hybrid, metric] == pytest.approx(found["ekf", metric], rel=0.05)
+        assert found[hybrid, "false_alarm_fraction"] < 0.01
+
+
+@pytest.mark.parametrize("seed", [4711, 90125])
+def test_under_pushes_the_hybrids_beat_both(seed: int) -> None:
+    found = figures("nacs/disturbance", seed)
+    for hybrid in HYBRIDS:
+        for metric in ("rmse_truth_quaternion", "rmse_truth_rate"):
+            assert found[hybrid, metric] < min(found["ekf", metric], found["sif", metric])
+        assert found[hybrid, "detection_delay_s"] < 5.0
+
+
+@pytest.mark.parametrize("seed", [4711, 90125])
+@pytest.mark.parametrize("name", ["nacs/effectiveness-loss", "nacs/wheel-failure"])
+def test_under_wheel_faults_the_hybrids_beat_both_in_rate_and_the_sif_in_attitude(name: str, seed: int) -> None:
+    found = figures(name, seed)
+    for hybrid in HYBRIDS:
+        assert found[hybrid, "rmse_truth_rate"] < min(found["ekf", "rmse_truth_rate"], found["sif", "rmse_truth_rate"])
+        assert found[hybrid, "rmse_truth_quaternion"] < found["sif", "rmse_truth_quaternion"]
+
+
+def test_a_printed_residual_is_found_again_with_the_papers_tuning() -> None:
+    system = build(load("nacs/fault-free", {"tuning": "paper", "run.seed": 4711}), np.arange(4))
+    found = {m[:3]: float(np.mean(m.values)) for m in evaluate(run(system), system.plant.assembly)}
+    printed = {"ekf": (0.01749e-3, 0.02863e-3, 0.01743e-3), "sif": (0.06840e-3, 0.05824e-3, 0.06949e-3)}
+    for observer, values in printed.items():
+        for component, value in enumerate(values, start=1):
+            assert found[observer, f"rmse_residual_q{component}", "all"] == pytest.approx(value, rel=0.4)
+    assert found["ekf", "attitude_error_deg", "all"] > found["sif", "attitude_error_deg", "all"]  # the order by the truth is another
