@@ -142,8 +142,8 @@ class NacsParameters(BaseModel):
         """Rows (name, value, unit, meaning, provenance) of every parameter."""
         for name, info in type(self).model_fields.items():
             extra = info.json_schema_extra
-            assert isinstance(extra, dict)
-            yield name, str(getattr(self, name)), str(extra["unit"]), info.description or "", str(extra["provenance"])
+            if isinstance(extra, dict):
+                yield name, str(getattr(self, name)), str(extra["unit"]), info.description or "", str(extra["provenance"])
 
 
 class ImpossibleInertia(ValueError):
