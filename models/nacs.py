@@ -44,7 +44,7 @@ def _known(default: Any, description: str, unit: str, provenance: str) -> Any:
 class NacsParameters(BaseModel):
     """Every number of the NACS plant; `json_schema_extra` of a field holds its unit and provenance."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = _known(
         "hypothesis",

@@ -162,10 +162,10 @@ def _output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:
 
 
 def _live_stream(loaded: Scenario, name: str) -> Callable[[int, Recorder], None]:
-    from sim.rerun_sink import LiveStream  # Rerun takes half a second to import
+    from sim.rerun_live import LiveStream  # Rerun takes half a second to import
 
     try:
-        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64)), loaded.model_dump(mode="json")).on_tick
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64)), loaded.model_dump(mode="json", exclude_none=True)).on_tick
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
@@ -223,7 +223,7 @@ def _write(
         assembly = compile_nacs(loaded.plant)
         feedback = loaded.control.feedback
         write_report(target / "report.png", name, loaded.title, recording, feedback)
-        write_recording(target / "recording.rrd", name, recording, assembly, feedback, loaded.model_dump(mode="json"))
+        write_recording(target / "recording.rrd", name, recording, assembly, feedback, loaded.model_dump(mode="json", exclude_none=True))
 
 
 def _show(loaded: Scenario, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float) -> None:

@@ -14,7 +14,7 @@ _KINDS = ("constant", "uniform", "normal", "log_uniform", "choice")
 class Draw(BaseModel):
     """A number, or one of {uniform = [low, high]}, {normal = [mean, std]}, {log_uniform = [low, high]}, {choice = [...]}."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     constant: float | None = None
     uniform: tuple[float, float] | None = None
@@ -33,6 +33,8 @@ class Draw(BaseModel):
                 raise ValueError(f"{kind} = {list(interval)}: needs low < high")
         if self.log_uniform is not None and self.log_uniform[0] <= 0:
             raise ValueError(f"log_uniform = {list(self.log_uniform)}: needs 0 < low")
+        if self.normal is not None and self.normal[1] < 0:
+            raise ValueError(f"normal = {list(self.normal)}: needs [mean, standard deviation >= 0]")
         if self.choice is not None and not self.choice:
             raise ValueError("choice is empty")
         return self

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
 
 from models.inertia import tensor
 from sim.draws import Draw, Number
@@ -17,17 +17,29 @@ Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 SENSORS = ("attitude", "gyro", "wheels")
+
+
+def _not_negative(draw: Draw) -> Draw:
+    if draw.bounds()[0] < 0:
+        raise ValueError(f"can be {draw.bounds()[0]:g}; must not be negative")
+    return draw
+
+
+NotNegative = Annotated[Number, AfterValidator(_not_negative)]
 Wheel = Literal["all"] | Annotated[int, Field(ge=1)]
 Sensor = Literal["attitude", "gyro", "wheels", "all"]
 
 
 class Event(BaseModel):
-    """When a fault begins and how long it lasts; both may be drawn anew in every trial."""
+    """When a fault begins and how long it lasts; both may be drawn anew in every trial.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    Faults may overlap; where two say different things of one wheel or of the inertia, the one later in the file is heard.
+    """
 
-    start_s: Number
-    duration_s: Number
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    start_s: NotNegative
+    duration_s: NotNegative
 
 
 class Float(Event):
@@ -42,7 +54,7 @@ class Effectiveness(Event):
 
     kind: Literal["effectiveness"]
     wheel: Wheel
-    remaining: Number
+    remaining: NotNegative
 
 
 class ConstantOutput(Event):
@@ -73,6 +85,13 @@ class ExternalTorque(Event):
     torque_nm: Number
     direction: Literal["planar"] | tuple[float, float, float] = "planar"
 
+    @field_validator("direction")
+    @classmethod
+    def _points_somewhere(cls, direction: str | tuple[float, float, float]) -> str | tuple[float, float, float]:
+        if not isinstance(direction, str) and not np.any(direction):
+            raise ValueError("is zero; give an axis in B or 'planar'")
+        return direction
+
 
 class InertiaChange(Event):
     """The whole gets another inertia (about the centre of rotation) and centre of mass; the rate is kept."""
@@ -81,13 +100,18 @@ class InertiaChange(Event):
     inertia_kg_m2: tuple[float, float, float, float, float, float]
     centre_of_mass_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @property
+    def properties(self) -> MassProperties:
+        """In SI units."""
+        return MassProperties(tensor(self.inertia_kg_m2), 1e-6 * np.array(self.centre_of_mass_um))
+
 
 class NoiseChange(Event):
     """A sensor's noise grows by a factor."""
 
     kind: Literal["noise"]
     sensor: Sensor
-    factor: Number
+    factor: NotNegative
 
 
 class Bias(Event):
@@ -109,7 +133,7 @@ class Delay(Event):
     """All readings come later."""
 
     kind: Literal["delay"]
-    delay_s: Number
+    delay_s: NotNegative
 
 
 Fault = Annotated[
@@ -128,22 +152,11 @@ class Occurrence(NamedTuple):
     text: str
 
 
-class MassChange(NamedTuple):
-    """From a tick on, a trial has other mass properties; None: its own again."""
+class MassProperties(NamedTuple):
+    """What a trial's whole becomes."""
 
-    tick: int
-    trial: int
-    inertia: Array | None
-    centre_of_mass: Array | None
-
-
-class LockChange(NamedTuple):
-    """From a tick on, a trial's wheel is seized or free."""
-
-    tick: int
-    trial: int
-    wheel: int
-    locked: bool
+    inertia: Array  # (3, 3) kg m2 about the centre of rotation
+    centre_of_mass: Array  # (3,) m
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +171,9 @@ class FaultSchedule:
     sensor_bias: Array | None  # (..., 6 + wheels) rad, rad/s, rad/s
     missing: Flags | None  # (..., 3) of attitude, gyro, wheels
     delay_s: Array | None  # (...)
-    mass_changes: tuple[MassChange, ...]
-    lock_changes: tuple[LockChange, ...]
+    locked: Flags | None  # (..., wheels) the bearing is seized
+    mass: NDArray[np.int64] | None  # (...) which of `masses` the whole has; -1: its own
+    masses: tuple[MassProperties, ...]
     occurrences: tuple[Occurrence, ...]
 
     def act(self, tick: int, command: Array) -> Array:
@@ -174,8 +188,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
     shape = (ticks, len(trials))
     active = np.zeros(shape, dtype=bool)
     fields: dict[str, Array] = {}
-    masses: list[MassChange] = []
-    locks: list[LockChange] = []
+    masses: list[MassProperties] = []
     occurrences: list[Occurrence] = []
 
     def field(name: str, size: tuple[int, ...], neutral: float) -> Array:
@@ -193,6 +206,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
             match fault:
                 case Float():
                     field("wheel_gain", (wheels,), 1.0)[when][:, which] = 0.0
+                    field("wheel_offset", (wheels,), 0.0)[when][:, which] = 0.0
                     text = f"wheel {fault.wheel} floats"
                 case Effectiveness():
                     share = fault.remaining.sample(random)
@@ -204,7 +218,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
                     field("wheel_offset", (wheels,), 0.0)[when][:, which] = torque
                     text = f"wheel {fault.wheel} gives {1e3 * torque:.2f} mN m"
                 case Lock():
-                    locks += [LockChange(t, i, int(w), t == start) for t in (start, end) for w in which]
+                    field("locked", (wheels,), 0.0)[when][:, which] = 1.0
                     text = f"wheel {fault.wheel} locks"
                 case NoCommand():
                     field("wheel_gain", (wheels,), 1.0)[when] = 0.0
@@ -215,9 +229,8 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
                     field("torque_B", (3,), 0.0)[when] += torque * axis
                     text = f"push of {1e3 * torque:.1f} mN m about [{axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}]"
                 case InertiaChange():
-                    masses.append(MassChange(start, i, tensor(fault.inertia_kg_m2), 1e-6 * np.array(fault.centre_of_mass_um)))
-                    if end < ticks:
-                        masses.append(MassChange(end, i, None, None))
+                    field("mass", (), -1.0)[when] = len(masses)
+                    masses.append(fault.properties)
                     text = f"inertia {list(fault.inertia_kg_m2)} kg m2"
                 case NoiseChange():
                     factor = fault.factor.sample(random)
@@ -236,7 +249,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
                     field("delay_s", (), 0.0)[when] += delay
                     text = f"readings {delay:.3g} s late"
             occurrences.append(Occurrence(i, start, end, fault.kind, text))
-    missing = fields.get("missing")
+    missing, locked, mass = fields.get("missing"), fields.get("locked"), fields.get("mass")
     return FaultSchedule(
         active=active,
         wheel_gain=fields.get("wheel_gain"),
@@ -246,8 +259,9 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
         sensor_bias=fields.get("sensor_bias"),
         missing=None if missing is None else missing > 0,
         delay_s=fields.get("delay_s"),
-        mass_changes=tuple(masses),
-        lock_changes=tuple(locks),
+        locked=None if locked is None else locked > 0,
+        mass=None if mass is None else mass.astype(np.int64),
+        masses=tuple(masses),
         occurrences=tuple(occurrences),
     )
 
@@ -276,6 +290,3 @@ def _axis(direction: str | tuple[float, float, float], random: np.random.Generat
         azimuth = 2.0 * np.pi * random.random()
         return np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     return np.array(direction) / np.linalg.norm(direction)
-
-
-__all__ = ["Draw", "Event", "Fault", "FaultSchedule", "LockChange", "MassChange", "Occurrence", "earliest_start", "latest_end", "schedule"]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from control.allocation import PseudoInverseAllocation
 from control.tracking import Controller, Estimate, Target
 from estimation.gaussian import Belief, LostDefiniteness
-from sim.faults import FaultSchedule
+from models.quaternion import IDENTITY
+from sim.faults import FaultSchedule, MassProperties
 from sim.observers import Bank
 from sim.plant import Plant, SimulationFailed
 from sim.recording import Recorder, Recording
@@ -74,7 +75,7 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
     steps = round(system.dt / plant.step_s)
     command: Array = np.zeros((plant.trials, plant.assembly.wheel_axes.shape[1]))
     beliefs: tuple[Belief, ...] = ()
-    held: Array = np.full(1, np.nan)
+    held: Array = np.concatenate([IDENTITY, np.zeros(3 + command.shape[1])])  # until something has been read
 
     for k in range(system.ticks):
         truth = plant.truth()
@@ -138,14 +139,16 @@ def _quantize(command: Array, step: float) -> Array:
 
 
 def _change_plant(system: System, tick: int) -> None:
-    """Carry out the faults that change the plant itself."""
-    assembly, position = system.plant.assembly, np.arange(system.plant.trials)
-    for change in system.faults.mass_changes:
-        if change.tick == tick:
-            inertia = assembly.inertia if change.inertia is None else change.inertia
-            centre = assembly.centre_of_mass if change.centre_of_mass is None else change.centre_of_mass
-            system.plant.set_mass_properties(position == change.trial, inertia[None], centre[None])
-    for lock in system.faults.lock_changes:
-        if lock.tick == tick:
-            friction = LOCKING_FRICTION_NM if lock.locked else assembly.wheel_friction
-            system.plant.set_wheel_friction(position == lock.trial, lock.wheel, friction)
+    """Carry out the faults that change the plant itself, at the ticks at which something changes."""
+    plant, faults, assembly = system.plant, system.faults, system.plant.assembly
+    if faults.locked is not None:
+        now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
+        for wheel in np.flatnonzero((now != before).any(axis=0)):
+            for locked, friction in ((True, LOCKING_FRICTION_NM), (False, assembly.wheel_friction)):
+                plant.set_wheel_friction((now != before)[:, wheel] & (now[:, wheel] == locked), int(wheel), friction)
+    if faults.mass is not None:
+        which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)
+        own = MassProperties(assembly.inertia, assembly.centre_of_mass)
+        for index in np.unique(which[which != was]):
+            inertia, centre = own if index < 0 else faults.masses[index]
+            plant.set_mass_properties((which != was) & (which == index), inertia, centre)

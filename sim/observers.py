@@ -27,7 +27,7 @@ Triple = tuple[Positive, Positive, Positive]
 class Tuning(BaseModel):
     """Noise that a filter expects, each as [quaternion component, body rate (rad/s), wheel speed]."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     process_noise: Triple = Field(description="variances added in a tick, Q")
     measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
@@ -68,7 +68,7 @@ TUNINGS: dict[str, Tuning] = {
 class ExtendedSettings(BaseModel):
     """What all filters of the extended family can be told."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     tuning: str | Tuning
     discretization: Literal["runge-kutta", "euler"] = "runge-kutta"

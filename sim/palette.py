@@ -1,8 +1,13 @@
-"""Colours that mean the same thing in every picture: one for each wheel, one for each observer."""
+"""Colours that mean the same thing in every picture: of wheels, observers, axes and states."""
 
 from __future__ import annotations
 
-WHEEL_COLORS = ("#eb4236", "#33b859", "#3b82f5", "#fabf2e")
+import colorsys
+from collections.abc import Iterable
+
+Colour = tuple[int, int, int]
+
+WHEEL_COLORS = ("#eb4236", "#33b859", "#3b82f5", "#fabf2e")  # those of nacs.xml
 
 OBSERVER_COLORS = {
     "ekf": "#e07a1f",
@@ -11,3 +16,36 @@ OBSERVER_COLORS = {
     "nis-windowed": "#1f9e89",
     "nis-fading": "#1b4f9c",
 }
+
+AXES: tuple[Colour, ...] = ((238, 84, 72), (92, 200, 110), (92, 148, 255))  # x, y, z
+PALE_AXES: tuple[Colour, ...] = ((255, 178, 170), (178, 240, 190), (184, 208, 255))
+TOTAL: Colour = (255, 92, 205)  # total momentum
+REFERENCE: Colour = (255, 236, 150)
+TRUTH: Colour = (236, 240, 247)
+HEALTHY: Colour = (46, 125, 70)
+CALM: Colour = (52, 60, 72)
+ALERT: Colour = (214, 72, 62)
+
+_SPARE: tuple[Colour, ...] = ((240, 215, 90), (255, 120, 160), (130, 225, 110), (120, 170, 255))  # for observers that are not named above
+
+
+def rgb(code: str) -> Colour:
+    """Bytes of a colour code like #eb4236."""
+    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
+
+
+def wheel(number: int) -> Colour:
+    """Colour of a wheel, counted from zero."""
+    return rgb(WHEEL_COLORS[number % len(WHEEL_COLORS)])
+
+
+def on_dark(observers: Iterable[str]) -> dict[str, Colour]:
+    """The hue that each observer has in every picture, light enough for a dark background."""
+    colours: dict[str, Colour] = {}
+    for i, name in enumerate(observers):
+        colours[name] = _SPARE[i % len(_SPARE)]
+        if code := OBSERVER_COLORS.get(name):
+            hue, _, saturation = colorsys.rgb_to_hls(*(byte / 255.0 for byte in rgb(code)))
+            red, green, blue = colorsys.hls_to_rgb(hue, 0.72, min(1.0, 1.3 * saturation))
+            colours[name] = (round(255 * red), round(255 * green), round(255 * blue))
+    return colours

@@ -119,10 +119,12 @@ class Plant:
         raise SimulationFailed(trial, self._steps_done * self.step_s, cause)
 
     def set_mass_properties(self, trials: Array, inertia: Array, centre_of_mass: Array) -> None:
-        """Give some trials another locked-wheel inertia (n, 3, 3) kg m2 and centre of mass (n, 3) m; rates are kept.
+        """Give some trials another locked-wheel inertia (3, 3) kg m2 and centre of mass (3,) m, or one each; rates are kept.
 
         `trials` is a boolean mask, (trials,).
         """
+        if not np.any(trials):
+            return
         properties = self.assembly.reassemble(inertia, centre_of_mass)
         body = self.assembly.model.body(properties.body).id
         for field, value in (

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from control.tracking import Target
 from models import quaternion
@@ -17,12 +17,19 @@ Array = NDArray[np.floating]
 class Sinusoid(BaseModel):
     """Sinusoidal vector part of the quaternion (McCafferty-Leroux et al. 2024, fig. 4, which prints no numbers)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     type: Literal["sinusoid"]
-    amplitude_deg: tuple[float, float, float] = Field(description="of the turn about each axis; together below 180")
+    amplitude_deg: tuple[float, float, float] = Field(description="of the turn about each axis")
     period_s: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
     phase_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @field_validator("amplitude_deg")
+    @classmethod
+    def _stays_a_rotation(cls, amplitude: tuple[float, float, float]) -> tuple[float, float, float]:
+        if np.sum(np.sin(np.radians(amplitude) / 2.0) ** 2) >= 0.99:
+            raise ValueError("together turn by half a revolution; the squared sines of half the amplitudes must add up to less than 0.99")
+        return amplitude
 
     def at(self, time: Array) -> Target:
         """Target at `time` (...,) s: q_1:3 = sin(amplitude / 2) sin(2 pi t / period + phase), rates from omega = 2 Xi' dq/dt."""
@@ -44,7 +51,7 @@ class Sinusoid(BaseModel):
 class Hold(BaseModel):
     """A constant attitude, as a rotation vector from N."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     type: Literal["hold"]
     rotation_vector_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -30,7 +30,7 @@ class Layout:
       wheels: entities of the wheels.
       shown: observer whose ghost is visible at first.
       about: scales of what is drawn, for the title of the 3-D view.
-      duration_s: shown by the time axes; None: what there is.
+      duration_s: shown by the time axes.
     """
 
     prefix: str
@@ -40,23 +40,28 @@ class Layout:
     wheels: tuple[str, ...]
     shown: str | None
     about: str
-    duration_s: float | None
+    duration_s: float
 
     def tabs(self) -> list[Any]:
         """All tabs, each of views of its own: Rerun allows a view one parent only."""
         return [self._overview(), self._estimators(), self._wheels(), self._control(), self._consistency(), self._run()]
 
     def _overview(self) -> Any:
+        statistic = self._statistic(self.shown if self.shown in self.hybrids else next(iter(self.hybrids), None))
         return rrb.Horizontal(
-            rrb.Vertical(self._testbed(), self._lanes(), self._events(), row_shares=[62, 19, 19]),
+            rrb.Vertical(
+                self._testbed(),
+                self._lanes(),
+                rrb.Horizontal(self._events(), statistic, column_shares=[48, 52]),
+                row_shares=[56, 19, 25],
+            ),
             rrb.Vertical(
                 self._axes_error(),
                 self._plot("Body rate [deg/s]: truth, estimate (pale)", "rate/estimate", "rate/truth"),
                 self._plot("Wheel speed [rpm]", "wheels/speed"),
-                self._statistic(self.shown if self.shown in self.hybrids else next(iter(self.hybrids), None)),
-                row_shares=[22, 21, 32, 25],
+                row_shares=[30, 30, 40],  # an axis of thousands of rpm needs height for its numbers
             ),
-            column_shares=[53, 47],
+            column_shares=[54, 46],
             name="Overview",
         )
 
@@ -141,8 +146,6 @@ class Layout:
         )
 
     def _time_axis(self) -> Any:
-        if self.duration_s is None:
-            return rrb.TimeAxis()
         start, end = (rr.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, self.duration_s))
         return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
@@ -178,13 +181,13 @@ class Layout:
         return rrb.TextLogView(name="Events", origin=f"/{self.prefix}events", columns=columns)
 
 
-def blueprint(trials: dict[str, Layout]) -> Any:
-    """Blueprint of a recording: the tabs of its trial, or a tab of tabs for each of several."""
+def blueprint(trials: dict[str, Layout], live: bool = False) -> Any:
+    """Blueprint of a recording: the tabs of its trial, or a tab of tabs for each of several; `live` follows what arrives."""
     first, *others = trials.values()
     tabs = first.tabs() if not others else [rrb.Tabs(*layout.tabs(), name=label) for label, layout in trials.items()]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused", loop_mode="all"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following" if live else "paused", loop_mode="all"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_layout=False,

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
-from models.inertia import tensor, why_impossible
+from models.inertia import why_impossible
 from models.nacs import ImpossibleInertia, NacsParameters, compile_nacs
 from sim.faults import Fault, InertiaChange, earliest_start, latest_end
 from sim.observers import TUNINGS, ObserverSettings, Tuning
@@ -29,7 +30,7 @@ class BadInput(ValueError):
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class RunSettings(_Section):
@@ -136,12 +137,15 @@ class Scenario(_Section):
             wheel = getattr(fault, "wheel", "all")
             if isinstance(wheel, int) and wheel > 4:
                 raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to 4 or 'all'")
-            if isinstance(fault, InertiaChange) and (reason := why_impossible(tensor(fault.inertia_kg_m2))):
-                raise ValueError(f"{where}: no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
         try:
-            compile_nacs(self.plant)
+            assembly = compile_nacs(self.plant)
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
+        for number, fault in enumerate(self.faults):
+            if isinstance(fault, InertiaChange):
+                whole, bus = fault.properties.inertia, np.diag(assembly.reassemble(*fault.properties).moments)
+                if reason := why_impossible(whole) or why_impossible(bus):
+                    raise ValueError(f"faults.{number} (inertia): no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
         return self
 
 

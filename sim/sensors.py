@@ -25,7 +25,7 @@ RPM = 2.0 * np.pi / 60.0
 class SensorSettings(BaseModel):
     """Attitude and rate from the IMU, wheel speeds from the drives' monitor outputs, all read once a control tick."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     attitude_noise_rad: NonNegative = Field(4e-4, description="standard deviation of a small rotation about each body axis")
     gyro_noise_rad_s: NonNegative = Field(1.7320508e-3, description="standard deviation of a reading, each axis")

@@ -23,10 +23,12 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
 
     def call(*arguments: object) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["nacs", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
+        code = 0
+        try:
             cli.main()
-            raise SystemExit(0)
+        except SystemExit as stop:
+            code = int(stop.code or 0)
         captured = capsys.readouterr()
-        return Outcome(stop.value.code or 0, captured.out, captured.err)
+        return Outcome(code, captured.out, captured.err)
 
     return call

@@ -8,10 +8,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from estimation import extended_kalman
+from estimation.gaussian import LostDefiniteness
 from sim import shards
-from sim.loop import System
+from sim.build import build
+from sim.loop import run
 from sim.plant import Plant, SimulationFailed
-from sim.scenario import names
+from sim.scenario import load, names
 
 QUICK = ("--set", "run.ticks=30", "--set", "faults=[]")
 
@@ -101,16 +104,10 @@ def test_an_interrupt_before_a_shard_is_finished_writes_nothing(nacs, tmp_path, 
 
 
 def test_a_filter_that_breaks_down_is_named(monkeypatch) -> None:
-    from estimation import extended_kalman
-    from estimation.gaussian import LostDefiniteness
-    from sim.build import build
-    from sim.loop import run
-    from sim.scenario import load
-
     def lost(*_: object) -> None:
         raise LostDefiniteness((0, 2))
 
-    system: System = build(load("nacs/fault-free", {"run.ticks": 5}), np.array([4, 5, 6]))
+    system = build(load("nacs/fault-free", {"run.ticks": 5}), np.array([4, 5, 6]))
     monkeypatch.setattr(extended_kalman, "innovate", lost)
     with pytest.raises(SimulationFailed, match=r"trial 6 failed at t = 0.100 s: ekf: its innovation covariance lost definiteness"):
         run(system)

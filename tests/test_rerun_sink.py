@@ -16,8 +16,9 @@ from sim.build import build
 from sim.loop import System, run
 from sim.plant import diagnose
 from sim.recording import Recorder, Recording
+from sim.rerun_live import LiveStream
 from sim.rerun_scene import GHOST_OFFSET
-from sim.rerun_sink import LiveStream, write_recording
+from sim.rerun_sink import write_recording
 from sim.scenario import load
 
 TICKS = 60
@@ -184,7 +185,7 @@ def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypa
     class Accepting:
         def close(self) -> None: ...
 
-    monkeypatch.setattr("sim.rerun_sink.socket.create_connection", lambda *_, **__: Accepting())
+    monkeypatch.setattr("sim.rerun_live.socket.create_connection", lambda *_, **__: Accepting())
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda stream, _, default_blueprint: stream.save(path, default_blueprint))
     loop, configuration = system(1)
     with LiveStream("nacs/disturbance", loop, configuration) as live:
