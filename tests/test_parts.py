@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from control.tracking import Estimate, Target
 from models.quaternion import error, from_rotation_vector, inverse, multiply, to_rotation_vector
 from sim import randomness
 from sim.build import build
@@ -329,6 +330,19 @@ def test_a_locked_wheel_stops_relative_to_the_body_and_turns_again_afterwards():
     assert np.abs(truth[41:, :, 8]).max() > 2.0
 
 
+def test_overlapping_faults_do_not_undo_each_other():
+    _, truth = fly({"kind": "lock", "wheel": 2, "duration_s": 1.0}, {"kind": "lock", "wheel": 2, "start_s": 2.5, "duration_s": 1.5})
+    assert np.abs(truth[22:40, :, 8]).max() < 0.05
+    assert np.abs(truth[41:, :, 8]).max() > 2.0
+    stuck, dead = (
+        {"kind": "constant-output", "wheel": 1, "torque_nm": 1e-3},
+        {"kind": "float", "wheel": 1, "start_s": 3.0, "duration_s": 1.0},
+    )
+    applied = fly(stuck, dead)[0].channels["applied"][..., 0]
+    np.testing.assert_array_equal(applied[20:30], 1e-3)
+    np.testing.assert_array_equal(applied[30:40], 0.0)
+
+
 def test_the_momentum_of_a_wheel_that_locks_goes_into_the_body():
     loose = STILL | {"start.wheel_speed_rad_s": [100.0, 0.0, 0.0, 0.0]}
     recording, truth = fly({"kind": "lock", "wheel": 1}, **loose)
@@ -407,7 +421,22 @@ def test_a_silent_sensor_says_nothing_and_the_others_go_on(sensor, part):
     assert np.isfinite(recording.channels["ekf/mean"]).all()
 
 
-def test_a_delay_shows_the_past_and_feedback_on_it_still_flies():
+def test_feedback_on_readings_holds_the_last_one_and_before_the_first_takes_the_body_to_be_level_and_at_rest():
+    recording, _ = fly({"kind": "drop-out", "sensor": "all", "start_s": 0.0}, **{"control.feedback": "measurement"})
+    command = recording.channels["command"]
+    np.testing.assert_array_equal(command[:20, 0], command[:20, 1])  # trials that know nothing do the same
+    assert np.abs(command[20, 0] - command[20, 1]).max() > 1e-4
+    recording, truth = fly({"kind": "drop-out", "sensor": "all"}, **{"control.feedback": "measurement"})
+    assert np.isfinite(truth).all()
+    law = build(load("nacs/fault-free", QUIET), np.arange(1)).controller
+    held = truth[19]
+    for k in range(20, 40):
+        target = Target(*(recording.channels[f"reference/{part}"][k] for part in ("q", "omega", "alpha")))
+        torque = law.step(Estimate(held[:, :4], held[:, 4:7], held[:, 7:]), target)
+        np.testing.assert_allclose(recording.channels["torque_B"][k], torque, atol=1e-15)
+
+
+def test_a_delay_shows_the_past():
     recording, truth = fly({"kind": "delay", "delay_s": 0.2})
     expected = truth.copy()
     expected[WITHIN] = truth[18:38]

@@ -121,8 +121,9 @@ def test_an_inertia_that_leaves_no_bus_is_refused():
 # torque-free motion -----------------------------------------------------------------------------------------------------------
 
 
-def test_torque_free_motion_with_spinning_wheels_is_that_of_the_analytic_model():
-    made = assembly(**WEIGHTLESS)
+@pytest.mark.parametrize("offset_um", [(0.0, 0.0, 0.0), (300.0, -200.0, 2000.0)], ids=["balanced", "off balance"])
+def test_torque_free_motion_with_spinning_wheels_is_that_of_the_analytic_model(offset_um):
+    made = assembly(**WEIGHTLESS | {"centre_of_mass_um": offset_um})  # without gravity a force of the bearing alone, and no torque
     body = NacsParameters(**WEIGHTLESS).process(coupled=True)
     start = np.concatenate([normalize(np.array([0.1, -0.2, 0.3, 0.9])), [0.12, -0.08, 0.1], [300.0, 300.0, -300.0, 300.0]])
     plant = Plant(made, 1)
@@ -306,7 +307,7 @@ def test_large_dry_friction_locks_a_wheel_to_the_body_and_keeps_the_momentum():
     path = fly(plant, 1.0, 10)
     momentum = diagnose(made, column(path, "qpos"), column(path, "qvel")).momentum_N
     np.testing.assert_allclose(momentum[:, 1], np.broadcast_to(momentum[0, 1], (11, 3)), atol=1e-9 * np.linalg.norm(momentum[0, 1]))
-    assert abs(path[-1].omega_wheel[1, 0]) < 1e-6  # rad/s
+    assert abs(path[-1].omega_wheel[1, 0]) < 1e-3  # rad/s, a five-hundredth of what the sensor can tell
     assert path[-1].omega_wheel[0, 0] > 199.0
 
 

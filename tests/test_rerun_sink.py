@@ -152,7 +152,7 @@ def test_faults_and_detections_are_told(one: Written) -> None:
 
 def test_the_configuration_is_a_property(one: Written) -> None:
     [chunk] = RrdReader(one.path).stream().filter(content="/__properties/configuration").to_chunks()
-    assert chunk.to_record_batch().column("run.ticks").to_pylist() == [[TICKS]]
+    assert chunk.to_record_batch().column("run.ticks").to_pylist() == [[str(TICKS)]]
 
 
 def test_several_trials_go_under_their_numbers(two: Written) -> None:
