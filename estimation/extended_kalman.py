@@ -78,7 +78,8 @@ class ExtendedFilter:
         covariance = np.where(known, self.measurement_noise, 0.0) + (missing * self.prior_variance)[..., None] * np.eye(zero.shape[-1])
         nothing = np.zeros(lead)
         dof = np.sum(~missing, axis=-1, dtype=float)
-        return Belief(mean, covariance, np.zeros(zero.shape), nothing, nothing, dof, self.gain.start(lead))
+        unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
+        return Belief(mean, covariance, np.zeros(zero.shape), unknown, nothing, dof, self.gain.start(lead))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
         """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).

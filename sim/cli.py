@@ -48,26 +48,27 @@ Overrides = Annotated[
 def list_scenarios() -> None:
     """Show the scenarios that come with the twin."""
     table = Table(box=None, pad_edge=False)
-    for heading in ("name", "what it shows", "source"):
-        table.add_column(heading)
+    table.add_column("name", no_wrap=True, style="bold")
+    table.add_column("what it shows, and where it comes from")
     for name in scenarios.names():
         found = scenarios.load(name)
-        table.add_row(f"[bold]{name}[/]", found.title, f"[dim]{found.source}[/]")
+        table.add_row(name, f"{found.title} [dim]({found.source})[/]")
     out.print(table)
 
 
 @app.command("parameters")
 def show_parameters(
-    name: Name = "nacs/fault-free",
+    scenario: Name = "nacs/fault-free",
     overrides: Overrides = None,
 ) -> None:
     """Show every parameter of a scenario's plant: value, unit and where it comes from."""
-    loaded = _load(name, None, None, overrides)
+    loaded = _load(scenario, None, None, overrides)
     table = Table(box=None, pad_edge=False)
-    for heading in ("parameter", "value", "unit", "what it is", "provenance"):
-        table.add_column(heading, overflow="fold")
-    for row in loaded.plant.table():
-        table.add_row(*row)
+    table.add_column("parameter", no_wrap=True, style="bold")
+    table.add_column("value", overflow="fold")
+    table.add_column("what it is, and where its value comes from")
+    for name, value, unit, meaning, provenance in loaded.plant.table():
+        table.add_row(name, f"{value} {unit}", f"{meaning} [dim]({provenance})[/]")
     out.print(table)
 
 
@@ -229,7 +230,7 @@ def _write(
 def _show(loaded: Scenario, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float) -> None:
     statistics = rows(metrics)
     if statistics:
-        out.print(f"[bold]{loaded.title}[/]  [dim]{loaded.source}[/]\n")
+        out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
         if loaded.published:
             out.print(tables.residuals(statistics, loaded.published))
         out.print(tables.estimators(statistics, loaded.observers, loaded.published, finished))

@@ -101,9 +101,9 @@ class InertiaChange(Event):
     centre_of_mass_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def properties(self) -> MassProperties:
+    def properties(self) -> WholeProperties:
         """In SI units."""
-        return MassProperties(tensor(self.inertia_kg_m2), 1e-6 * np.array(self.centre_of_mass_um))
+        return WholeProperties(tensor(self.inertia_kg_m2), 1e-6 * np.array(self.centre_of_mass_um))
 
 
 class NoiseChange(Event):
@@ -152,7 +152,7 @@ class Occurrence(NamedTuple):
     text: str
 
 
-class MassProperties(NamedTuple):
+class WholeProperties(NamedTuple):
     """What a trial's whole becomes."""
 
     inertia: Array  # (3, 3) kg m2 about the centre of rotation
@@ -173,7 +173,7 @@ class FaultSchedule:
     delay_s: Array | None  # (...)
     locked: Flags | None  # (..., wheels) the bearing is seized
     mass: NDArray[np.int64] | None  # (...) which of `masses` the whole has; -1: its own
-    masses: tuple[MassProperties, ...]
+    masses: tuple[WholeProperties, ...]
     occurrences: tuple[Occurrence, ...]
 
     def act(self, tick: int, command: Array) -> Array:
@@ -188,7 +188,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
     shape = (ticks, len(trials))
     active = np.zeros(shape, dtype=bool)
     fields: dict[str, Array] = {}
-    masses: list[MassProperties] = []
+    masses: list[WholeProperties] = []
     occurrences: list[Occurrence] = []
 
     def field(name: str, size: tuple[int, ...], neutral: float) -> Array:

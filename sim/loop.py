@@ -12,7 +12,7 @@ from control.allocation import PseudoInverseAllocation
 from control.tracking import Controller, Estimate, Target
 from estimation.gaussian import Belief, LostDefiniteness
 from models.quaternion import IDENTITY
-from sim.faults import FaultSchedule, MassProperties
+from sim.faults import FaultSchedule, WholeProperties
 from sim.observers import Bank
 from sim.plant import Plant, SimulationFailed
 from sim.recording import Recorder, Recording
@@ -148,7 +148,7 @@ def _change_plant(system: System, tick: int) -> None:
                 plant.set_wheel_friction((now != before)[:, wheel] & (now[:, wheel] == locked), int(wheel), friction)
     if faults.mass is not None:
         which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)
-        own = MassProperties(assembly.inertia, assembly.centre_of_mass)
+        own = WholeProperties(assembly.inertia, assembly.centre_of_mass)
         for index in np.unique(which[which != was]):
             inertia, centre = own if index < 0 else faults.masses[index]
             plant.set_mass_properties((which != was) & (which == index), inertia, centre)

@@ -47,7 +47,8 @@ class Tuning(BaseModel):
         return np.array(self.process_noise) * variance, measurement, np.array(self.boundary_layer) * deviation
 
 
-# 1 V of the drives' monitor output at 4 V = 2000 rpm: the reading with which the paper's Q and R give the detection that it reports.
+# 1 V of the drives' monitor output if 4 V are 2000 rpm (the scale can be configured and is not printed): the reading with which the
+# paper's Q and R give the detection that it reports. It is a unit for those numbers; the twin's sensors read farther.
 MONITOR_VOLT_RAD_S = 2000 * RPM / 4.0
 
 # `paper`: McCafferty-Leroux et al. (2024, sec. 5), wheels in volts (docs/errata.md).

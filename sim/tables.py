@@ -15,15 +15,14 @@ from sim.scenario import Published
 
 # metric, heading, factor
 _ESTIMATORS = (
-    ("rmse_truth_quaternion", "truth q\n\\[1e-3]", 1e3),
-    ("rmse_truth_rate", "truth rate\n\\[mrad/s]", 1e3),
-    ("attitude_error_deg", "attitude\n\\[mdeg]", 1e3),
-    ("rmse_residual_total", "residual q + rate\n\\[1e-3]", 1e3),
-    ("nees_mean", "NEES\n(10 dof)", 1.0),
-    ("nis_mean", "NIS\n(10 dof)", 1.0),
-    ("detection_delay_s", "delay\n\\[s]", 1.0),
-    ("false_alarm_fraction", "false alarm\n\\[%]", 100.0),
-    ("missed_fraction", "missed\n\\[%]", 100.0),
+    ("rmse_truth_quaternion", "truth\nq\n1e-3", 1e3),
+    ("rmse_truth_rate", "truth\nrate\n1e-3", 1e3),
+    ("rmse_residual_total", "resid.\nsum\n1e-3", 1e3),
+    ("nees_mean", "NEES\n10\ndof", 1.0),
+    ("nis_mean", "NIS\n10\ndof", 1.0),
+    ("detection_delay_s", "delay\n\ns", 1.0),
+    ("false_alarm_fraction", "false\nalarm\n%", 100.0),
+    ("missed_fraction", "missed\n\n%", 100.0),
 )
 _LOOP = (
     ("tracking_error_deg", "tracking error", "deg", 1.0),
@@ -40,6 +39,20 @@ def _number(value: float | None) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}" if abs(value) < 1e6 else f"{value:.2e}"
 
 
+def _table(title: str, caption: str | None = None) -> Table:
+    return Table(
+        title=title,
+        caption=caption,
+        box=SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+        pad_edge=False,
+        title_justify="left",
+        title_style="bold",
+        caption_justify="left",
+        caption_style="dim",
+    )
+
+
 def _lookup(rows: Iterable[Row], phase: str) -> dict[tuple[str, str], float]:
     return {(row.subject, row.metric): row.mean for row in rows if row.phase == phase}
 
@@ -48,19 +61,19 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     """The filters against the truth and against their readings, beside what the paper prints."""
     found = _lookup(rows, "all")
     low, high = chi2.ppf([0.025, 0.975], 10 * trials) / trials
-    caption = f"means over {trials} trials; 95 % of consistent NEES and NIS at a tick lie in {low:.2f} .. {high:.2f}"
-    table = Table(title="Estimators", caption=caption, box=SIMPLE_HEAD, title_justify="left", caption_justify="left", caption_style="dim")
-    table.add_column("filter")
-    for _, heading, _ in _ESTIMATORS:
+    caption = f"means over {trials} trials; consistent NEES and NIS at a tick: {low:.2f} .. {high:.2f} (95 %)"
+    table = _table("Estimators: sums of RMSE against the truth, and consistency", caption)
+    table.add_column("filter", no_wrap=True)
+    for metric, heading, _ in _ESTIMATORS:
         table.add_column(heading, justify="right")
-        if published and heading.startswith("residual"):
-            table.add_column(f"paper,\n{published.source}", justify="right", style="cyan")
+        if published and metric == "rmse_residual_total":
+            table.add_column(f"paper\n{published.source}\n1e-3", justify="right", style="cyan")
     for name in observers:
         cells = []
-        for metric, heading, factor in _ESTIMATORS:
+        for metric, _, factor in _ESTIMATORS:
             value = found.get((name, metric))
             cells.append(_number(None if value is None else factor * value))
-            if published and heading.startswith("residual"):
+            if published and metric == "rmse_residual_total":
                 printed = published.values.get(name, {}).get(metric)
                 cells.append(_number(None if printed is None else factor * printed))
         table.add_row(name, *cells)
@@ -71,16 +84,16 @@ def residuals(rows: list[Row], published: Published) -> Table:
     """The paper's own table, state by state: the twin's residual RMSE and, in colour, the printed one (both 1e-3)."""
     found = _lookup(rows, "all")
     names = [name for name in published.values if (name, "rmse_residual_q1") in found]
-    table = Table(title=f"Residual RMSE as in {published.source} \\[1e-3]: twin and [cyan]paper[/]", box=SIMPLE_HEAD, title_justify="left")
+    table = _table(f"Residual RMSE as in {published.source}, 1e-3: twin and [cyan]paper[/]")
     table.add_column("state")
     for name in names:
         table.add_column(name, justify="right")
-        table.add_column("", style="cyan", justify="right")
     for state in (*STATES, "total"):
         cells = []
         for name in names:
             printed = published.values[name].get(f"rmse_residual_{state}")
-            cells += [f"{1e3 * found[name, f'rmse_residual_{state}']:.4f}", "-" if printed is None else f"{1e3 * printed:.4f}"]
+            beside = "-" if printed is None else f"{1e3 * printed:.4f}"
+            cells.append(f"{1e3 * found[name, f'rmse_residual_{state}']:.4f} [cyan]{beside:>6}[/]")
         table.add_row("sum" if state == "total" else state, *cells)
     return table
 

@@ -237,7 +237,7 @@ def of(belief: Belief, which) -> list[np.ndarray]:
 
 
 def same(left: list[np.ndarray], right: list[np.ndarray]) -> bool:
-    return len(left) == len(right) and all(np.array_equal(a, b) for a, b in zip(left, right, strict=True))
+    return len(left) == len(right) and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(left, right, strict=True))
 
 
 def pushed(readings: np.ndarray, after: int) -> np.ndarray:
