@@ -1,0 +1,151 @@
+"""`nacs run`: simulate a scenario, print its table, and write recording, report and metrics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from models.nacs import compile_nacs
+from sim import tables
+from sim.build import build
+from sim.metrics import Metric
+from sim.recording import Recorder, Recording
+from sim.results import rows, write_summary, write_trials
+from sim.scenario import BadInput, Scenario
+from sim.shards import Shard, cut, join, simulate_all
+from sim.terminal import FAILED, INTERRUPTED, Name, Overrides, Seed, Trials, err, how_to_open, load, out, output_folder
+
+if TYPE_CHECKING:
+    from sim.rerun_live import LiveStream
+
+
+def run(
+    name: Name,
+    trials: Trials = None,
+    seed: Seed = None,
+    folder: Annotated[Path | None, typer.Option("--out", help="folder for the results; default: a new one under runs/")] = None,
+    overrides: Overrides = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes that share the trials; no number depends on it")] = 1,
+    only_trial: Annotated[int | None, typer.Option(min=0, help="simulate this one trial of the run and record it")] = None,
+    record_trials: Annotated[int, typer.Option(min=0, help="how many trials are recorded for Rerun")] = 1,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="also stream the first trial to a Rerun viewer that is open on this machine")
+    ] = False,
+) -> None:
+    """Simulate a scenario, print its table and write recording, report and metrics."""
+    loaded = load(name, trials, seed, overrides)
+    numbers = np.arange(loaded.run.trials) if only_trial is None else np.array([only_trial])
+    if only_trial is not None and only_trial >= loaded.run.trials:
+        raise BadInput(f"--only-trial {only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
+    if live and workers > 1:
+        raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
+    target = output_folder(folder, name, overwrite)
+    stream = _live_stream(loaded, name) if live else None
+    started = time.perf_counter()
+    shards, stopped = _simulate(loaded, numbers, numbers[:record_trials], workers, stream.on_tick if stream else None)
+    if stream:
+        stream.close()
+    failure = next((shard for shard in shards if shard.failure), None)
+    finished, metrics, recording = join(shards)
+    if failure and failure.recording:
+        recording = failure.recording
+    if not len(finished) and recording is None:
+        err.print(
+            "interrupted before a trial was finished; nothing was written" if stopped else f"error: {failure.failure if failure else ''}"
+        )
+        raise typer.Exit(INTERRUPTED if stopped else FAILED)
+    wall = time.perf_counter() - started
+    _write(target, name, loaded, finished, metrics, recording, wall, overwrite)
+    _show(loaded, len(finished), metrics, target, recording, wall)
+    if failure:
+        err.print(f"error: {failure.failure}; what was recorded until then is in {target}")
+        raise typer.Exit(FAILED)
+    if stopped:
+        err.print(f"interrupted: {len(finished)} of {len(numbers)} trials were finished and kept in {target}")
+        raise typer.Exit(INTERRUPTED)
+
+
+def _live_stream(loaded: Scenario, name: str) -> LiveStream:
+    from sim.rerun_live import LiveStream  # Rerun takes half a second to import
+
+    try:
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64)), loaded.model_dump(mode="json", exclude_none=True))
+    except ConnectionError as refused:
+        raise BadInput(f"--live: {refused}") from None
+
+
+def _simulate(
+    loaded: Scenario, numbers: Any, recorded: Any, workers: int, stream: Callable[[int, Recorder], None] | None
+) -> tuple[list[Shard], bool]:
+    """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
+    shards: list[Shard] = []
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("trial-s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True) as bar:
+        seconds = loaded.run.tick_s
+        task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
+        try:
+            for shard in simulate_all(
+                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), stream
+            ):
+                shards.append(shard)
+                if shard.failure:
+                    break
+        except KeyboardInterrupt:
+            return shards, True
+    return shards, False
+
+
+def _write(
+    target: Path,
+    name: str,
+    loaded: Scenario,
+    finished: Any,
+    metrics: list[Metric],
+    recording: Recording | None,
+    wall: float,
+    overwrite: bool,
+) -> None:
+    from sim.report import write_report  # Matplotlib and Rerun take a second to import
+    from sim.rerun_sink import write_recording
+
+    if overwrite and target.is_dir():
+        for old in ("recording.rrd", "trials.parquet", "summary.json", "report.png"):
+            (target / old).unlink(missing_ok=True)
+    target.mkdir(parents=True, exist_ok=True)
+    seed, simulated = loaded.run.seed, loaded.run.tick_s * loaded.run.ticks * len(finished)
+    write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics)
+    write_trials(target / "trials.parquet", name, seed, finished, metrics)
+    if recording is not None:
+        assembly = compile_nacs(loaded.plant)
+        feedback = loaded.control.feedback
+        write_report(target / "report.png", name, loaded.title, recording, feedback)
+        write_recording(target / "recording.rrd", name, recording, assembly, feedback, loaded.model_dump(mode="json", exclude_none=True))
+
+
+def _show(loaded: Scenario, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float) -> None:
+    statistics = rows(metrics)
+    if statistics:
+        out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
+        if loaded.published:
+            out.print(tables.residuals(statistics, loaded.published))
+        out.print(tables.estimators(statistics, loaded.observers, loaded.published, finished))
+        out.print(tables.loop(statistics))
+    simulated = loaded.run.tick_s * loaded.run.ticks * finished
+    out.print(f"\n{finished} trials, {simulated:.0f} s of flight in {wall:.1f} s ({simulated / wall:.0f} x real time)")
+    out.print(f"Report     {target / 'report.png'}")
+    if recording is not None:
+        out.print(f"Recording  {target / 'recording.rrd'}\nOpen it    {how_to_open(target / 'recording.rrd')}")
