@@ -99,7 +99,7 @@ def _simulate(
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
             for shard in simulate_all(
-                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), stream
+                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), None, stream
             ):
                 shards.append(shard)
                 if shard.failure:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.build import build
+from sim.guests import Guests
 from sim.loop import run
 from sim.metrics import Metric, evaluate
 from sim.plant import SimulationFailed
@@ -50,7 +51,7 @@ def simulate(
     scenario: Scenario, trials: NDArray[np.int64], recorded: NDArray[np.int64], on_tick: Callable[[int, Recorder], None] | None = None
 ) -> Shard:
     """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception."""
-    system = build(scenario, trials)
+    system = build(scenario, trials, guests)
     try:
         recording = run(system, on_tick)
     except SimulationFailed as failure:
@@ -67,6 +68,7 @@ def simulate_all(
     recorded: NDArray[np.int64],
     workers: int,
     progress: Progress,
+    guests: Guests | None = None,
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Iterator[Shard]:
     """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
@@ -78,12 +80,12 @@ def simulate_all(
                 if on_tick and first:
                     on_tick(k, recorder)
 
-            yield simulate(scenario, block, recorded, tick)
+            yield simulate(scenario, block, recorded, guests, tick)
         return
     # spawned, not forked: a fork would inherit MuJoCo's threads
     pool = ProcessPoolExecutor(min(workers, len(blocks)), mp_context=multiprocessing.get_context("spawn"))
     try:
-        waiting = [pool.submit(simulate, scenario, block, recorded) for block in blocks]
+        waiting = [pool.submit(simulate, scenario, block, recorded, guests) for block in blocks]
         for done in as_completed(waiting):
             shard = done.result()
             progress(len(shard.trials) * scenario.run.ticks)

@@ -82,10 +82,10 @@ def test_an_interrupt_keeps_the_shards_that_were_finished(nacs, tmp_path, monkey
     monkeypatch.setattr(shards, "TRIALS_PER_SHARD", 2)
     simulate = shards.simulate
 
-    def interrupted(scenario, trials, recorded, on_tick=None):
+    def interrupted(scenario, trials, *rest):
         if trials[0] >= 2:
             raise KeyboardInterrupt
-        return simulate(scenario, trials, recorded, on_tick)
+        return simulate(scenario, trials, *rest)
 
     monkeypatch.setattr(shards, "simulate", interrupted)
     result = nacs("run", "nacs/disturbance", *QUICK, "--trials", 6, "--out", "it")
