@@ -48,7 +48,11 @@ def cut(trials: NDArray[np.int64], workers: int) -> list[NDArray[np.int64]]:
 
 
 def simulate(
-    scenario: Scenario, trials: NDArray[np.int64], recorded: NDArray[np.int64], on_tick: Callable[[int, Recorder], None] | None = None
+    scenario: Scenario,
+    trials: NDArray[np.int64],
+    recorded: NDArray[np.int64],
+    guests: Guests | None = None,
+    on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Shard:
     """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception."""
     system = build(scenario, trials, guests)
