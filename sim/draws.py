@@ -41,7 +41,10 @@ class Draw(BaseModel):
 
     def sample(self, generator: np.random.Generator) -> float:
         """One draw; takes the same share of the stream whatever the kind."""
-        share = generator.random()
+        return self.quantile(generator.random())
+
+    def quantile(self, share: float) -> float:
+        """The value below which a `share` in [0, 1) of all draws lies."""
         if self.constant is not None:
             return self.constant
         if self.uniform is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -183,8 +184,8 @@ class FaultSchedule:
         return command if self.wheel_offset is None else command + self.wheel_offset[tick]
 
 
-def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, dt: float, wheels: int) -> FaultSchedule:
-    """Lay out the faults of a scenario over ticks and trials; trial i is the same in any company."""
+def schedule(faults: Sequence[tuple[Fault, ...]], seed: int, trials: Trials, ticks: int, dt: float, wheels: int) -> FaultSchedule:
+    """Lay out the faults of each trial over its ticks; trial i is the same in any company."""
     shape = (ticks, len(trials))
     active = np.zeros(shape, dtype=bool)
     fields: dict[str, Array] = {}
@@ -195,7 +196,7 @@ def schedule(faults: tuple[Fault, ...], seed: int, trials: Trials, ticks: int, d
         return fields.setdefault(name, np.full((*shape, *size), neutral))
 
     for i, trial in enumerate(trials):
-        for number, fault in enumerate(faults):
+        for number, fault in enumerate(faults[i]):
             random = generator(seed, int(trial), Stream.FAULT + number)
             start = round(fault.start_s.sample(random) / dt)
             end = min(ticks, start + max(1, round(fault.duration_s.sample(random) / dt)))

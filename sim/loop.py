@@ -12,7 +12,7 @@ from control.allocation import PseudoInverseAllocation
 from control.tracking import Controller, Estimate, Target
 from estimation.gaussian import Belief, LostDefiniteness
 from models.quaternion import IDENTITY
-from sim.faults import FaultSchedule, WholeProperties
+from sim.faults import FaultSchedule
 from sim.observers import Bank
 from sim.plant import Plant, SimulationFailed
 from sim.recording import Recorder, Recording
@@ -140,15 +140,16 @@ def _quantize(command: Array, step: float) -> Array:
 
 def _change_plant(system: System, tick: int) -> None:
     """Carry out the faults that change the plant itself, at the ticks at which something changes."""
-    plant, faults, assembly = system.plant, system.faults, system.plant.assembly
+    plant, faults = system.plant, system.faults
     if faults.locked is not None:
         now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
         for wheel in np.flatnonzero((now != before).any(axis=0)):
-            for locked, friction in ((True, LOCKING_FRICTION_NM), (False, assembly.wheel_friction)):
-                plant.set_wheel_friction((now != before)[:, wheel] & (now[:, wheel] == locked), int(wheel), friction)
+            changed = (now != before)[:, wheel]
+            friction = np.where(now[:, wheel], LOCKING_FRICTION_NM, plant.wheel_coulomb)
+            plant.set_wheel_friction(changed, int(wheel), friction[changed])
     if faults.mass is not None:
         which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)
-        own = WholeProperties(assembly.inertia, assembly.centre_of_mass)
-        for index in np.unique(which[which != was]):
-            inertia, centre = own if index < 0 else faults.masses[index]
-            plant.set_mass_properties((which != was) & (which == index), inertia, centre)
+        back = (which != was) & (which < 0)
+        plant.set_mass_properties(back, plant.inertia[back], plant.centre_of_mass[back])
+        for index in np.unique(which[(which != was) & (which >= 0)]):
+            plant.set_mass_properties((which != was) & (which == index), *faults.masses[index])

@@ -51,6 +51,16 @@ class Truth(NamedTuple):
         return np.concatenate([self.q_BN, self.omega_BN_B, self.omega_wheel], axis=-1)
 
 
+class Dispersion(NamedTuple):
+    """Plants that differ from trial to trial; leading axis: trial."""
+
+    inertia: Array  # (trials, 3, 3) kg m2, locked wheels, about the centre of rotation
+    centre_of_mass: Array  # (trials, 3) m
+    wheel_coulomb: Array  # (trials,) N m
+    wheel_viscous: Array  # (trials,) N m s/rad
+    bearing_viscous: Array  # (trials,) N m s/rad
+
+
 class Plant:
     """Trials of an assembly, advanced together by `mujoco.batch.Batch`; bit-identical at any number of trials and threads."""
 
@@ -61,6 +71,9 @@ class Plant:
         self.step_s = float(model.opt.timestep)
         self._batch = Batch(model, trials, threads)
         self._batch.reset(keyframe=model.keyframe(assembly.keyframe).id)
+        self.inertia: Array = np.tile(assembly.inertia, (trials, 1, 1))  # of each trial, faults aside
+        self.centre_of_mass: Array = np.tile(assembly.centre_of_mass, (trials, 1))
+        self.wheel_coulomb: Array = np.full(trials, assembly.wheel_friction)
         self._steps_done = 0
         quaternion, rate = [], []
         for name in assembly.attitude_joints:
@@ -87,9 +100,9 @@ class Plant:
         qvel[:, self._rate] = omega_BN_B
         qvel[:, self._wheel_dof] = omega_wheel
 
-    def hold(self, actuator: str, setpoint: float) -> None:
+    def hold(self, actuator: str, setpoint: Array | float) -> None:
         """Command an actuator that is not a wheel, such as a balance mass, from now on."""
-        self._batch.actuator(actuator).ctrl[:] = setpoint
+        self._batch.bind("ctrl")[:, self.assembly.model.actuator_ctrladr[self.assembly.model.actuator(actuator).id]] = setpoint
 
     def advance(self, wheel_torque: Array, torque_B: Array, steps: int) -> None:
         """Advance by whole physics steps under constant inputs.
@@ -135,6 +148,15 @@ class Plant:
         ):
             self._batch.expand(field)[trials, body] = value
         self._batch.set_const(np.flatnonzero(trials))
+
+    def disperse(self, dispersion: Dispersion) -> None:
+        """Give every trial a plant of its own, from the start on."""
+        everyone = np.ones(self.trials, dtype=bool)
+        self.inertia, self.centre_of_mass, self.wheel_coulomb = dispersion.inertia, dispersion.centre_of_mass, dispersion.wheel_coulomb
+        self.set_mass_properties(everyone, self.inertia, self.centre_of_mass)
+        for wheel in range(len(self._wheel_dof)):
+            self.set_wheel_friction(everyone, wheel, dispersion.wheel_coulomb, dispersion.wheel_viscous)
+        self._batch.expand("dof_damping")[:, self._rate] = dispersion.bearing_viscous[:, None]
 
     def set_wheel_friction(self, trials: Array, wheel: int, coulomb: Array | float, viscous: Array | float | None = None) -> None:
         """Set the dry (N m) and viscous (N m s/rad) friction of a wheel's bearing in some trials; a large dry one locks it."""

@@ -23,6 +23,7 @@ class Stream(IntEnum):
     DROPOUT = 6
     AIR = 7
     DRIVE = 8
+    DISPERSION = 9
     FAULT = 1000  # and up: one for each fault of a scenario
 
 
@@ -41,8 +42,11 @@ def uniforms(seed: int, trials: Trials, stream: Stream, ticks: int, size: int) -
     return np.stack([generator(seed, int(t), stream).random((ticks, size)) for t in trials], axis=1)
 
 
-def gauss_markov(white: Array, std: float, correlation_s: float, dt: float) -> Array:
-    """First-order Gauss-Markov process from white numbers (ticks, ...), stationary from the first tick (Gelb 1974, sec. 3.6)."""
+def gauss_markov(white: Array, std: Array, correlation_s: Array, dt: float) -> Array:
+    """First-order Gauss-Markov process from white numbers (ticks, ...), stationary from the first tick (Gelb 1974, sec. 3.6).
+
+    `std` and `correlation_s` (s) are broadcast over trials, (trials, 1).
+    """
     fade = np.exp(-dt / correlation_s)
     out = np.empty_like(white)
     out[0] = std * white[0]

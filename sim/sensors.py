@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -68,6 +69,28 @@ SENSOR_SETS: dict[str, SensorSettings] = {
 }  # fmt: skip
 
 
+class SensorArrays(NamedTuple):
+    """Settings of each trial, (trials, 1)."""
+
+    attitude_noise_rad: Array
+    gyro_noise_rad_s: Array
+    gyro_bias_rad_s: Array
+    gyro_bias_walk_rad_s_sqrt_s: Array
+    gyro_resolution_rad_s: Array
+    gyro_range_rad_s: Array
+    wheel_noise_rad_s: Array
+    wheel_full_scale_rad_s: Array
+    wheel_step_rad_s: Array
+    latency_s: Array
+    jitter_s: Array
+    dropout_probability: Array
+
+    @classmethod
+    def of(cls, settings: Sequence[SensorSettings]) -> SensorArrays:
+        """One row a trial."""
+        return cls(*(np.array([[getattr(one, name)] for one in settings], dtype=float) for name in cls._fields))
+
+
 class Noise(NamedTuple):
     """Everything random of a run's readings, drawn before it starts; (ticks, trials, ...)."""
 
@@ -79,16 +102,16 @@ class Noise(NamedTuple):
     missing: NDArray[np.bool_] | None  # (..., 3): attitude, gyro, wheels
 
 
-def draw_noise(settings: SensorSettings, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:
+def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:
     """Draw a run's noise: trial i gets the same numbers in any company."""
     bias = randomness.normals(seed, trials, Stream.GYRO_BIAS, ticks, 3)
     bias[0] *= settings.gyro_bias_rad_s
     bias[1:] *= settings.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt)
     age = None
-    if settings.latency_s or settings.jitter_s:
-        age = settings.latency_s + settings.jitter_s * randomness.uniforms(seed, trials, Stream.TIMING, ticks, 1)[..., 0]
+    if settings.latency_s.any() or settings.jitter_s.any():
+        age = settings.latency_s[:, 0] + settings.jitter_s[:, 0] * randomness.uniforms(seed, trials, Stream.TIMING, ticks, 1)[..., 0]
     missing = None
-    if settings.dropout_probability:
+    if settings.dropout_probability.any():
         missing = randomness.uniforms(seed, trials, Stream.DROPOUT, ticks, 3) < settings.dropout_probability
     return Noise(
         attitude=randomness.normals(seed, trials, Stream.ATTITUDE, ticks, 3),
@@ -104,7 +127,7 @@ def draw_noise(settings: SensorSettings, seed: int, trials: randomness.Trials, t
 class Sensors:
     """The sensors of a run: settings, noise and the faults that touch them."""
 
-    settings: SensorSettings
+    settings: SensorArrays
     noise: Noise
     faults: FaultSchedule
     dt: float
@@ -122,7 +145,7 @@ class Sensors:
         age = _sum(noise.age, faults.delay_s, tick)
         if age is not None:
             state = _look_back(past, tick, age / self.dt)
-        sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s]
+        sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s]  # (trials, 1) each
         if faults.noise_factor is not None:
             factor = faults.noise_factor[tick]
             sigma = [sigma[i] * factor[:, i, None] for i in range(3)]
@@ -143,8 +166,9 @@ class Sensors:
         return reading
 
 
-def _quantize(value: Array, step: float) -> Array:
-    return step * np.round(value / step) if step else value
+def _quantize(value: Array, step: Array) -> Array:
+    """Nearest multiple of `step`, (trials, 1); zero: as it is."""
+    return np.where(step > 0.0, step * np.round(value / np.where(step > 0.0, step, 1.0)), value)
 
 
 def _sum(one: Array | None, other: Array | None, tick: int) -> Array | None:

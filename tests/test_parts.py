@@ -16,7 +16,7 @@ from sim.randomness import Stream
 from sim.recording import Recording
 from sim.references import Hold, Sinusoid
 from sim.scenario import load
-from sim.sensors import SENSOR_SETS, Sensors, SensorSettings, draw_noise
+from sim.sensors import SENSOR_SETS, SensorArrays, Sensors, SensorSettings, draw_noise
 
 # references --------------------------------------------------------------------------------------------------------------------
 
@@ -123,7 +123,7 @@ def test_seeds_trials_and_streams_share_no_numbers():
 
 def test_gauss_markov_noise_is_stationary_with_its_deviation_and_correlation_time():
     dt, tau, std, trials = 0.1, 0.5, 2.0, 20_000
-    noise = randomness.gauss_markov(np.random.default_rng(3).standard_normal((60, trials)), std, tau, dt)
+    noise = randomness.gauss_markov(np.random.default_rng(3).standard_normal((60, trials)), np.array(std), np.array(tau), dt)
     np.testing.assert_allclose(noise.std(axis=1), std, rtol=0.03)  # six deviations, from the first tick on
     lags = np.arange(1, 11)
     correlation = [np.mean(noise[20] * noise[20 + lag]) / std**2 for lag in lags]
@@ -146,8 +146,9 @@ def moving(ticks: int, trials: int) -> np.ndarray:
 def readings(settings: SensorSettings, states: np.ndarray, seed: int = 1) -> np.ndarray:
     """What the sensors say of states (ticks, trials, 11)."""
     ticks, trials = states.shape[:2]
-    noise = draw_noise(settings, seed, np.arange(trials), ticks, WHEELS, TICK)
-    sensors = Sensors(settings, noise, schedule((), seed, np.arange(trials), ticks, TICK, WHEELS), TICK)
+    everyone = SensorArrays.of([settings] * trials)
+    noise = draw_noise(everyone, seed, np.arange(trials), ticks, WHEELS, TICK)
+    sensors = Sensors(everyone, noise, schedule([()] * trials, seed, np.arange(trials), ticks, TICK, WHEELS), TICK)
     past, out = np.full_like(states, np.nan), np.empty_like(states)
     for k, state in enumerate(states):
         past[k] = state  # what is yet to come is not known
@@ -184,7 +185,7 @@ def test_the_noise_of_the_attitude_is_a_small_rotation_and_keeps_unit_length():
 
 def test_the_gyros_bias_starts_and_walks_as_stated():
     settings = differing(gyro_bias_rad_s=1e-3, gyro_bias_walk_rad_s_sqrt_s=2e-3)
-    bias = draw_noise(settings, 1, np.arange(2000), 41, WHEELS, TICK).gyro_bias
+    bias = draw_noise(SensorArrays.of([settings] * 2000), 1, np.arange(2000), 41, WHEELS, TICK).gyro_bias
     np.testing.assert_allclose(bias[0].std(), 1e-3, rtol=0.05)  # five deviations
     np.testing.assert_allclose(bias[40].std(), np.hypot(1e-3, 2e-3 * 4.0**0.5), rtol=0.05)
     states = moving(41, 2)
