@@ -16,7 +16,7 @@ test: $(VENV)/ready
 	$(BIN)/mypy
 
 bench: $(VENV)/ready
-	$(BIN)/python benchmarks/loop.py
+	$(BIN)/python -m benchmarks
 
 pictures: $(VENV)/ready
 	MUJOCO_GL=egl $(BIN)/python docs/render.py

@@ -56,8 +56,9 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
         drive_noise=variants.plant_values("drive_torque_noise_nm")[:, None]
         * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels),
         target=target,
-        banks=build_banks(scenario.observers, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors),
-        controller=guests.control() or ProportionalDerivative(scenario.control.proportional_nm, scenario.control.derivative_nms),
+        banks=build_banks(scenario.observers, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors, wheels),
+        controller=guests.control(models, scenario.sensors, wheels)
+        or ProportionalDerivative(scenario.control.proportional_nm, scenario.control.derivative_nms),
         allocation=PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit),
         feedback=scenario.control.feedback,
         command_step_nm=2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0,
@@ -70,7 +71,7 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
 def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: NDArray[np.int64], target: Target) -> Plant:
     """The plant at the start: each trial's own, at the reference's attitude but for a small turn, at rest."""
     plant = Plant(assembly, len(trials))
-    dispersion = variants.dispersion()
+    dispersion = variants.dispersion(scenario.plant)
     if dispersion is not None:
         plant.disperse(dispersion)
     spread = np.radians([[start.attitude_error_deg] for start in variants.starts])

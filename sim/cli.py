@@ -9,6 +9,9 @@ import typer
 from rich.table import Table
 
 from sim import scenario as scenarios
+from sim.command_campaign import campaign
+from sim.command_crosscheck import crosscheck
+from sim.command_replay import replay
 from sim.command_run import run
 from sim.scenario import BadInput
 from sim.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, Seed, err, load, out
@@ -20,6 +23,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command("run")(run)
+app.command("replay")(replay)
+app.command("crosscheck")(crosscheck)
+app.command("campaign")(campaign)
 
 
 @app.command("list")

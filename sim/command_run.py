@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from models.nacs import compile_nacs
 from sim import tables
 from sim.build import build
+from sim.guests import Guests
 from sim.metrics import Metric
 from sim.recording import Recorder, Recording
 from sim.results import rows, write_summary, write_trials
@@ -35,21 +36,37 @@ def run(
     only_trial: Annotated[int | None, typer.Option(min=0, help="simulate this one trial of the run and record it")] = None,
     record_trials: Annotated[int, typer.Option(min=0, help="how many trials are recorded for Rerun")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
+    observers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--observer", metavar="FILE.py:CLASS", help="a filter of your own beside the scenario's; run as code (may be repeated)"
+        ),
+    ] = None,
+    controller: Annotated[
+        str | None, typer.Option(metavar="FILE.py:CLASS", help="a control law of your own in place of the scenario's; run as code")
+    ] = None,
+    export_log: Annotated[
+        bool, typer.Option("--export-log", help="also write log.parquet: readings and commands of the recorded trials, for `nacs replay`")
+    ] = False,
     live: Annotated[
         bool, typer.Option("--live", help="also stream the first trial to a Rerun viewer that is open on this machine")
     ] = False,
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
-    loaded = load(name, trials, seed, overrides)
+    guests = Guests(tuple(observers or ()), controller)
+    loaded = load(name, trials, seed, overrides, guests.names)
     numbers = np.arange(loaded.run.trials) if only_trial is None else np.array([only_trial])
     if only_trial is not None and only_trial >= loaded.run.trials:
         raise BadInput(f"--only-trial {only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
+    if export_log and not record_trials:
+        raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
-    stream = _live_stream(loaded, name) if live else None
+    guests.check(loaded)
+    stream = _live_stream(loaded, name, guests) if live else None
     started = time.perf_counter()
-    shards, stopped = _simulate(loaded, numbers, numbers[:record_trials], workers, stream.on_tick if stream else None)
+    shards, stopped = _simulate(loaded, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
     if stream:
         stream.close()
     failure = next((shard for shard in shards if shard.failure), None)
@@ -62,8 +79,12 @@ def run(
         )
         raise typer.Exit(INTERRUPTED if stopped else FAILED)
     wall = time.perf_counter() - started
-    _write(target, name, loaded, finished, metrics, recording, wall, overwrite)
-    _show(loaded, len(finished), metrics, target, recording, wall)
+    _write(target, name, loaded, guests, finished, metrics, recording, wall, overwrite)
+    if export_log and recording is not None:
+        from sim.flight_log import export
+
+        export(target / "log.parquet", recording, loaded, name)
+    _show(loaded, guests, len(finished), metrics, target, recording, wall)
     if failure:
         err.print(f"error: {failure.failure}; what was recorded until then is in {target}")
         raise typer.Exit(FAILED)
@@ -72,17 +93,17 @@ def run(
         raise typer.Exit(INTERRUPTED)
 
 
-def _live_stream(loaded: Scenario, name: str) -> LiveStream:
+def _live_stream(loaded: Scenario, name: str, guests: Guests) -> LiveStream:
     from sim.rerun_live import LiveStream  # Rerun takes half a second to import
 
     try:
-        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64)), loaded.model_dump(mode="json", exclude_none=True))
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), guests), _configuration(loaded, guests))
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
 
 def _simulate(
-    loaded: Scenario, numbers: Any, recorded: Any, workers: int, stream: Callable[[int, Recorder], None] | None
+    loaded: Scenario, numbers: Any, recorded: Any, workers: int, guests: Guests, stream: Callable[[int, Recorder], None] | None
 ) -> tuple[list[Shard], bool]:
     """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
     shards: list[Shard] = []
@@ -99,7 +120,7 @@ def _simulate(
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
             for shard in simulate_all(
-                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), None, stream
+                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), guests, stream
             ):
                 shards.append(shard)
                 if shard.failure:
@@ -113,6 +134,7 @@ def _write(
     target: Path,
     name: str,
     loaded: Scenario,
+    guests: Guests,
     finished: Any,
     metrics: list[Metric],
     recording: Recording | None,
@@ -123,29 +145,41 @@ def _write(
     from sim.rerun_sink import write_recording
 
     if overwrite and target.is_dir():
-        for old in ("recording.rrd", "trials.parquet", "summary.json", "report.png"):
+        for old in ("recording.rrd", "trials.parquet", "summary.json", "report.png", "log.parquet"):
             (target / old).unlink(missing_ok=True)
     target.mkdir(parents=True, exist_ok=True)
     seed, simulated = loaded.run.seed, loaded.run.tick_s * loaded.run.ticks * len(finished)
-    write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics)
+    write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics, **guests.described)
     write_trials(target / "trials.parquet", name, seed, finished, metrics)
     if recording is not None:
         assembly = compile_nacs(loaded.plant)
         feedback = loaded.control.feedback
-        write_report(target / "report.png", name, loaded.title, recording, feedback)
-        write_recording(target / "recording.rrd", name, recording, assembly, feedback, loaded.model_dump(mode="json", exclude_none=True))
+        write_report(target / "report.png", name, loaded.title, recording, _closed_by(loaded, guests))
+        write_recording(target / "recording.rrd", name, recording, assembly, feedback, _configuration(loaded, guests))
 
 
-def _show(loaded: Scenario, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float) -> None:
+def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
+    return loaded.model_dump(mode="json", exclude_none=True) | guests.described
+
+
+def _closed_by(loaded: Scenario, guests: Guests) -> str:
+    return loaded.control.feedback + (f" by {guests.law}" if guests.law else "")
+
+
+def _show(
+    loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float
+) -> None:
     statistics = rows(metrics)
     if statistics:
         out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
         if loaded.published:
             out.print(tables.residuals(statistics, loaded.published))
-        out.print(tables.estimators(statistics, loaded.observers, loaded.published, finished))
-        out.print(tables.loop(statistics))
+        out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
+        out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
     simulated = loaded.run.tick_s * loaded.run.ticks * finished
     out.print(f"\n{finished} trials, {simulated:.0f} s of flight in {wall:.1f} s ({simulated / wall:.0f} x real time)")
     out.print(f"Report     {target / 'report.png'}")
     if recording is not None:
+        if (target / "log.parquet").is_file():
+            out.print(f"Log        {target / 'log.parquet'}\nReplay it  nacs replay {target / 'log.parquet'}")
         out.print(f"Recording  {target / 'recording.rrd'}\nOpen it    {how_to_open(target / 'recording.rrd')}")

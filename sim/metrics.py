@@ -67,7 +67,11 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
     rows.append(("attitude_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])))
     for part in ("nees", "nis"):
         rows.append((f"{part}_mean", phase, "1", _mean(_by_trial(recording.channels[f"{name}/{part}"]), flags)))
-    if recording.thresholds[name] is not None:
+    limits = recording.thresholds[name]
+    if limits is not None:
+        ratio = _by_trial(recording.channels[f"{name}/statistic"]) / limits[0]
+        peak = np.max(np.where(flags, ratio, -np.inf), axis=-1)
+        rows.append(("peak_statistic", phase, "1", np.where(np.isfinite(peak), peak, np.nan)))
         declared = _by_trial(recording.channels[f"{name}/declared"]).astype(float)
         fault = _by_trial(recording.channels["fault"]).astype(bool)
         if (flags & ~fault).any():

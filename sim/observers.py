@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from estimation.extended_kalman import ExtendedFilter, GainLaw, KalmanGain
+from estimation.gaussian import Belief
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
 from estimation.sliding_innovation import SlidingGain
 from estimation.stacking import stack, stackable
-from estimation.state_space import Additive, Multiplicative
+from estimation.state_space import Additive, Multiplicative, StateSpace
 from models.process import ProcessModel, predict, predict_euler
 from models.quaternion import IDENTITY
 from sim.sensors import RPM, SensorSettings
@@ -140,12 +141,29 @@ class Models:
     with_drag: ProcessModel  # knows the wheels' friction
 
 
+class Observer(Protocol):
+    """A filter as the loop sees it."""
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        ...
+
+    def initial(self, measurement: Array) -> Belief:
+        """Belief after the first reading, (trials, n)."""
+        ...
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of `command`, (trials, wheels), and a reading, (trials, n)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Bank:
     """Observers of one kind, stepped as one; beliefs are (members, trials, ...)."""
 
     names: tuple[str, ...]
-    filter: ExtendedFilter
+    filter: Observer
     thresholds: tuple[tuple[float, float] | None, ...]
 
 

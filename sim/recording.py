@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.tracking import Target
+from estimation.consistency import normalized_squared
 from estimation.gaussian import Belief
 from estimation.state_space import Multiplicative
 from sim.faults import Occurrence
@@ -123,8 +124,9 @@ class Recorder:
         truth = self._arrays["truth/state"][start:stop, None]
         covariance = space.reduce(mean, self._covariance[index][: stop - start])
         error = MULTIPLICATIVE.difference(truth, mean)
-        nees = np.einsum("...i,...i->...", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-        sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        nees = normalized_squared(error, covariance)
+        variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+        sigma = np.sqrt(np.where(variance < 0.0, np.nan, variance))
         for name, value in (("nees", nees), ("sigma", sigma)):
             array = self._arrays.setdefault(f"{index}:{name}", np.full((self.ticks, *value.shape[1:]), np.nan))
             array[start:stop] = value

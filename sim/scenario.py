@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from models.inertia import why_impossible
@@ -118,8 +118,8 @@ class Scenario(_Section):
         return observers
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Scenario:
-        sources = [*self.observers, "truth", "measurement"]
+    def _fits_together(self, info: ValidationInfo) -> Scenario:
+        sources = [*self.observers, *(info.context or {}).get("guests", ()), "truth", "measurement"]
         if self.control.feedback not in sources:
             raise ValueError(f"control.feedback: no observer {self.control.feedback!r}; there are {', '.join(sources)}")
         steps = self.run.tick_s / self.plant.step_s
@@ -166,12 +166,13 @@ def find(name: str) -> Path:
     raise BadInput(f"no scenario {name!r}; {hint}")
 
 
-def load(name: str, overrides: dict[str, Any] | None = None) -> Scenario:
+def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Scenario:
     """Read and check a scenario.
 
     Args:
       name: family/name, or a path to a TOML file.
       overrides: dotted key to value, taken instead of what the file says.
+      guests: names of the user's own filters, which may close the loop too.
 
     Raises:
       BadInput: one line with file and key.
@@ -182,12 +183,17 @@ def load(name: str, overrides: dict[str, Any] | None = None) -> Scenario:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as broken:
         raise BadInput(f"{label}: cannot be read as TOML: {broken}") from None
+    return check(data, label, overrides, guests)
+
+
+def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Scenario:
+    """The scenario that `data`, as read from a file, stands for; complaints begin with `label`. The rest as for `load`."""
     for key, value in (overrides or {}).items():
         _override(data, key, value)
     try:
-        return Scenario.model_validate(data)
+        return Scenario.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:
-        raise BadInput(f"{label}: {_first_complaint(invalid, data)}") from None
+        raise BadInput(f"{label}: {first_complaint(invalid, data)}") from None
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -221,7 +227,7 @@ def _element(items: list[Any], part: str, key: str) -> Any:
     return items[int(part)]
 
 
-def _first_complaint(invalid: ValidationError, data: dict[str, Any]) -> str:
+def first_complaint(invalid: ValidationError, data: dict[str, Any]) -> str:
     """One line on the first key that is wrong; where a value may be of several kinds, what each would need."""
     errors = invalid.errors()
     key = ".".join(_path_in_file(errors[0]["loc"], data))

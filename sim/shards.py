@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.build import build
+from sim.engines import processes
 from sim.guests import Guests
 from sim.loop import run
 from sim.metrics import Metric, evaluate
@@ -86,8 +86,7 @@ def simulate_all(
 
             yield simulate(scenario, block, recorded, guests, tick)
         return
-    # spawned, not forked: a fork would inherit MuJoCo's threads
-    pool = ProcessPoolExecutor(min(workers, len(blocks)), mp_context=multiprocessing.get_context("spawn"))
+    pool = processes(min(workers, len(blocks)))
     try:
         waiting = [pool.submit(simulate, scenario, block, recorded, guests) for block in blocks]
         for done in as_completed(waiting):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from scipy.stats import chi2
 
+from estimation.consistency import average_bounds
 from sim.metrics import STATES
 from sim.results import Row
 from sim.scenario import Published
@@ -24,6 +25,17 @@ _ESTIMATORS = (
     ("false_alarm_fraction", "false\nalarm\n%", 100.0),
     ("missed_fraction", "missed\n\n%", 100.0),
 )
+_CAMPAIGN = {
+    "rmse_truth_quaternion": ("truth q, 1e-3", 1e3),
+    "rmse_truth_rate": ("truth rate, 1e-3", 1e3),
+    "nees_mean": ("NEES", 1.0),
+    "nis_mean": ("NIS", 1.0),
+    "detection_delay_s": ("delay, s", 1.0),
+    "false_alarm_fraction": ("false alarm, %", 100.0),
+    "missed_fraction": ("missed, %", 100.0),
+    "tracking_error_deg": ("tracking, deg", 1.0),
+    "saturated_time_s": ("saturated, s", 1.0),
+}
 _LOOP = (
     ("tracking_error_deg", "tracking error", "deg", 1.0),
     ("control_effort_rms", "control effort", "mN m", 1e3),
@@ -60,7 +72,7 @@ def _lookup(rows: Iterable[Row], phase: str) -> dict[tuple[str, str], float]:
 def estimators(rows: list[Row], observers: Iterable[str], published: Published | None, trials: int) -> Table:
     """The filters against the truth and against their readings, beside what the paper prints."""
     found = _lookup(rows, "all")
-    low, high = chi2.ppf([0.025, 0.975], 10 * trials) / trials
+    low, high = average_bounds(10, trials)
     caption = f"means over {trials} trials; consistent NEES and NIS at a tick: {low:.2f} .. {high:.2f} (95 %)"
     table = _table("Estimators: sums of RMSE against the truth, and consistency", caption)
     table.add_column("filter", no_wrap=True)
@@ -96,6 +108,35 @@ def residuals(rows: list[Row], published: Published) -> Table:
             cells.append(f"{1e3 * found[name, f'rmse_residual_{state}']:.4f} [cyan]{beside:>6}[/]")
         table.add_row("sum" if state == "total" else state, *cells)
     return table
+
+
+def campaign(rows: list[dict[str, Any]], point: dict[str, Any]) -> Table:
+    """The metrics of a campaign's point: mean with its interval, and quantiles over trials."""
+    settings = ", ".join(f"{key} = {value}" for key, value in point["settings"].items())
+    table = _table("Over the trials" + (f" at {settings}" if settings else ""), _campaign_caption(point))
+    table.add_column("filter", no_wrap=True)
+    table.add_column("metric", no_wrap=True)
+    for heading in ("mean", "95 % of the mean", "5 %", "median", "95 %"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        if row["phase"] == "all" and row["metric"] in _CAMPAIGN:
+            name, factor = _CAMPAIGN[row["metric"]]
+            interval = f"{_number(factor * row['mean_low'])} .. {_number(factor * row['mean_high'])}"
+            table.add_row(
+                row["subject"], name, *(_number(factor * row["mean"]), interval), *(_number(factor * row[q]) for q in ("q05", "q50", "q95"))
+            )
+    return table
+
+
+def _campaign_caption(point: dict[str, Any]) -> str:
+    lines = [
+        f"{d['who']} in {d['metric']}: {100 * d['share']:.1f} % of {d['n']} trials ({100 * d['low']:.1f} .. {100 * d['high']:.1f})"
+        for d in point["beats_both"]
+    ]
+    lines += [f"worst of {name}: trials {', '.join(str(trial) for trial, _ in found)}" for name, found in point["worst"].items() if found]
+    if point["failed_trials"]:
+        lines.append(f"failed: trials {', '.join(map(str, point['failed_trials'][:10]))}")
+    return "\n".join(lines)
 
 
 def loop(rows: list[Row]) -> str:

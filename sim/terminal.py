@@ -27,14 +27,14 @@ Overrides = Annotated[
 ]
 
 
-def load(name: str, trials: int | None, seed: int | None, overrides: list[str] | None) -> Scenario:
-    """Scenario with what the command line says instead."""
+def load(name: str, trials: int | None, seed: int | None, overrides: list[str] | None, guests: tuple[str, ...] = ()) -> Scenario:
+    """Scenario with what the command line says instead; `guests` are observers that the user brings along."""
     changes: dict[str, Any] = dict(scenarios.parse_override(text) for text in overrides or [])
     if trials is not None:
         changes["run.trials"] = trials
     if seed is not None:
         changes["run.seed"] = seed
-    return scenarios.load(name, changes)
+    return scenarios.load(name, changes, guests)
 
 
 def output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:

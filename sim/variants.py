@@ -43,13 +43,23 @@ class Variants(NamedTuple):
         """All as the scenario says."""
         return cls([scenario.plant] * trials, [scenario.sensors] * trials, [scenario.faults] * trials, [scenario.start] * trials)
 
+    def only(self, positions: NDArray[np.int64]) -> Variants:
+        """Some of the trials."""
+        chosen = [int(i) for i in positions]
+        return Variants(
+            [self.plants[i] for i in chosen],
+            [self.sensors[i] for i in chosen],
+            [self.faults[i] for i in chosen],
+            [self.starts[i] for i in chosen],
+        )
+
     def plant_values(self, name: str) -> Array:
         """A parameter of all trials' plants, (trials, ...)."""
         return np.array([getattr(plant, name) for plant in self.plants], dtype=float)
 
-    def dispersion(self) -> Dispersion | None:
-        """What the plant must be told, or None if all trials have the same plant."""
-        if all(plant is self.plants[0] for plant in self.plants):
+    def dispersion(self, compiled: NacsParameters) -> Dispersion | None:
+        """What the plant must be told, or None if all trials have the plant that was compiled."""
+        if all(plant is compiled for plant in self.plants):
             return None
         return Dispersion(
             inertia=np.stack([plant.inertia for plant in self.plants]),

@@ -38,6 +38,7 @@ def recording(fault: slice | None = slice(10, 20), declared: slice = slice(13, 2
         "hybrid/nees": np.full((TICKS, TRIALS), 7.0),
         "hybrid/nis": np.full((TICKS, TRIALS), 11.0),
         "hybrid/declared": alarm,
+        "hybrid/statistic": np.where(active, 5.0, 1.0),
     }
     return Recording(0.1, np.arange(TRIALS), channels, {"hybrid": (2.0, 1.0)}, occurrences)
 
@@ -73,6 +74,11 @@ def test_detection_is_counted_tick_by_tick(found) -> None:
     assert found["hybrid", "false_alarm_fraction", "recovery"][0] == pytest.approx(6 / 20)
     assert found["hybrid", "false_alarm_fraction", "nominal"][0] == 0
     np.testing.assert_allclose(found["hybrid", "false_alarm_fraction", "all"], [6 / 30, 0])
+
+
+def test_the_peak_of_the_statistic_is_relative_to_its_upper_threshold(found) -> None:
+    np.testing.assert_allclose(found["hybrid", "peak_statistic", "fault"], [2.5, np.nan])
+    np.testing.assert_allclose(found["hybrid", "peak_statistic", "nominal"], 0.5)
 
 
 def test_loop_metrics(found) -> None:

@@ -1,0 +1,1 @@
+"""Cost of the twin, alone and beside other people's software: `make bench`."""

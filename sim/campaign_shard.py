@@ -1,0 +1,164 @@
+"""One block of a campaign's trials: drawn, flown, evaluated and turned into tables that do not depend on how trials are cut into blocks."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from models import quaternion
+from sim.build import build
+from sim.campaign import Campaign, Drawn, draw
+from sim.loop import run
+from sim.metrics import Metric, evaluate
+from sim.plant import SimulationFailed
+from sim.recording import Recording
+from sim.scenario import Scenario
+
+Array = NDArray[np.floating]
+
+BAND_EVERY_TICKS = 10
+BINS_PER_DECADE, LOWEST_DECADE, BINS = 40, -8, 640
+FIXED_POINT = 2**20  # sums of whole numbers are the same in any order
+LARGEST = 1e6  # so that a million trials fit into 63 bits
+
+
+class Job(NamedTuple):
+    """A block of trials at a point of the grid, as it is sent to a worker."""
+
+    campaign: str  # JSON
+    scenario: str  # JSON, of the point
+    point: int
+    start: int
+    stop: int
+
+
+class Tables(NamedTuple):
+    """What a block gives: metrics trial by trial, and over its trials counts and whole-number sums."""
+
+    point: int
+    start: int
+    metrics: pa.Table  # point, trial, seed, subject, metric, phase, unit, value, reason
+    bands: pa.Table  # quantity, observer, tick, bin, count
+    consistency: pa.Table  # statistic, observer, tick, total, count
+
+
+def fly(job: Job) -> Tables:
+    """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
+    campaign, scenario = Campaign.model_validate_json(job.campaign), Scenario.model_validate_json(job.scenario)
+    trials = np.arange(job.start, job.stop)
+    drawn = draw(campaign, scenario, trials)
+    alive, failures = np.arange(len(trials)), dict[int, str]()
+    recording: Recording | None = None
+    found: list[Metric] = []
+    while len(alive):
+        variants = drawn.variants.only(alive)
+        system = build(scenario, trials[alive], variants=variants)
+        try:
+            recording = run(system)
+            found = evaluate(recording, system.plant.assembly)
+            break
+        except SimulationFailed as failure:
+            failures[failure.trial] = str(failure)
+            alive = alive[trials[alive] != failure.trial]
+    kept = [m for m in found if any(fnmatch(m.metric, pattern) for pattern in campaign.metrics)]
+    metrics = _tidy(job.point, campaign, trials, drawn, trials[alive], kept, failures)
+    return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
+
+
+METRIC_SCHEMA = pa.schema(
+    [
+        ("point", pa.int32()),
+        ("trial", pa.int64()),
+        ("seed", pa.int64()),
+        ("subject", pa.string()),
+        ("metric", pa.string()),
+        ("phase", pa.string()),
+        ("unit", pa.string()),
+        ("value", pa.float64()),
+        ("reason", pa.string()),
+    ]
+)
+
+
+def _tidy(
+    point: int,
+    campaign: Campaign,
+    trials: NDArray[np.int64],
+    drawn: Drawn,
+    alive: NDArray[np.int64],
+    metrics: list[Metric],
+    failures: dict[int, str],
+) -> pa.Table:
+    """Rows trial by trial: what it drew, whether it failed, and the metrics that apply to it."""
+    values = np.stack([m.values for m in metrics], axis=-1) if metrics else np.zeros((len(alive), 0))  # (trials, metrics)
+    place = {int(trial): i for i, trial in enumerate(alive)}
+    rows: list[tuple[int, str, str, str, str, float, str | None]] = []
+    for i, trial in enumerate(int(t) for t in trials):
+        rows += [(trial, "draw", key, "all", "", float(v), None) for key, v in zip(campaign.dispersion, drawn.values[i], strict=True)]
+        if drawn.redrawn[i]:
+            rows.append((trial, "draw", "redrawn", "all", "1", float(drawn.redrawn[i]), "impossible plant"))
+        reason = failures.get(trial)
+        rows.append((trial, "loop", "failed", "all", "1", float(reason is not None), reason))
+        if trial in place:
+            own = values[place[trial]]
+            rows += [(trial, *metrics[j][:4], float(own[j]), None) for j in np.flatnonzero(np.isfinite(own))]
+    columns = list(zip(*rows, strict=True))
+    constant = [[point] * len(rows), columns[0], [campaign.seed] * len(rows), *columns[1:]]
+    return pa.table([pa.array(c, t) for c, t in zip(constant, METRIC_SCHEMA.types, strict=True)], schema=METRIC_SCHEMA)
+
+
+def band_quantities(recording: Recording) -> dict[tuple[str, str], Array]:
+    """Positive quantities whose spread over trials is kept, (ticks, trials), by (quantity, observer)."""
+    truth = recording.channels["truth/state"][::BAND_EVERY_TICKS]
+    out: dict[tuple[str, str], Array] = {}
+    desired = recording.channels["reference/q"][::BAND_EVERY_TICKS, None]
+    out["tracking_error_deg", "loop"] = np.degrees(quaternion.angle(truth[..., :4], desired))
+    for name in recording.observers:
+        mean = recording.channels[f"{name}/mean"][::BAND_EVERY_TICKS]
+        out["attitude_error_deg", name] = np.degrees(quaternion.angle(mean[..., :4], truth[..., :4]))
+        out["rate_error_rad_s", name] = np.sqrt(np.sum((mean[..., 4:7] - truth[..., 4:7]) ** 2, axis=-1))
+        limits = recording.thresholds[name]
+        if limits is not None:
+            out["statistic_over_threshold", name] = recording.channels[f"{name}/statistic"][::BAND_EVERY_TICKS] / limits[0]
+    return out
+
+
+def bin_values(bins: NDArray[np.int64]) -> Array:
+    """Middle of each logarithmic bin."""
+    return 10.0 ** (LOWEST_DECADE + (bins + 0.5) / BINS_PER_DECADE)
+
+
+def _bands(recording: Recording | None) -> pa.Table:
+    """Histograms over trials at every tenth tick, in logarithmic bins."""
+    parts: list[dict[str, object]] = []
+    for (quantity, observer), values in (band_quantities(recording) if recording is not None else {}).items():
+        scaled = BINS_PER_DECADE * (np.log10(np.maximum(values, 10.0**LOWEST_DECADE)) - LOWEST_DECADE)
+        index = np.clip(np.floor(scaled), 0, BINS - 1).astype(np.int64) + BINS * np.arange(len(values))[:, None]
+        cell, count = np.unique(index, return_counts=True)
+        part = {"tick": BAND_EVERY_TICKS * (cell // BINS), "bin": cell % BINS, "count": count}
+        parts.append({"quantity": [quantity] * len(cell), "observer": [observer] * len(cell), **part})
+    return _concatenate(parts, ("quantity", "observer", "tick", "bin", "count"))
+
+
+def _consistency(recording: Recording | None) -> pa.Table:
+    """Sums over trials of NEES and NIS at every tick, in whole numbers."""
+    parts: list[dict[str, object]] = []
+    for name in recording.observers if recording is not None else ():
+        for statistic in ("nees", "nis"):
+            assert recording is not None
+            values = recording.channels[f"{name}/{statistic}"]
+            known = np.isfinite(values)
+            total = np.sum(np.round(FIXED_POINT * np.minimum(np.where(known, values, 0.0), LARGEST)).astype(np.int64), axis=1)
+            ticks = np.arange(len(values))
+            part = {"tick": ticks, "total": total, "count": known.sum(axis=1)}
+            parts.append({"statistic": [statistic] * len(ticks), "observer": [name] * len(ticks), **part})
+    return _concatenate(parts, ("statistic", "observer", "tick", "total", "count"))
+
+
+def _concatenate(parts: list[dict[str, object]], names: tuple[str, ...]) -> pa.Table:
+    schema = pa.schema([(n, pa.string() if n in ("quantity", "observer", "statistic") else pa.int64()) for n in names])
+    return pa.concat_tables([pa.table(part, schema=schema) for part in parts]) if parts else schema.empty_table()

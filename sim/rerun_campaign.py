@@ -1,0 +1,65 @@
+"""A campaign's ensemble as a Rerun recording: the spread of every error over trials, as it goes with time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from sim.campaign import Campaign
+from sim.campaign_shard import bin_values
+from sim.palette import REFERENCE, on_dark
+from sim.rerun_blueprint import TIMELINE
+
+Array = NDArray[np.floating]
+
+LEVELS = (0.05, 0.5, 0.95)
+TITLES = {
+    "attitude_error_deg": "Attitude error of the estimate [deg]",
+    "rate_error_rad_s": "Rate error of the estimate [rad/s]",
+    "statistic_over_threshold": "Smoothed NIS over its upper threshold [-]",
+    "tracking_error_deg": "Tracking error of the body [deg]",
+}
+
+
+def quantiles(bands: pa.Table, quantity: str, observer: str) -> tuple[NDArray[np.int64], Array]:
+    """Ticks, and the quantiles LEVELS over trials at each, (ticks, levels), of a quantity kept as histograms."""
+    use = (np.asarray(bands["quantity"]) == quantity) & (np.asarray(bands["observer"]) == observer)
+    tick, edge, count = (np.asarray(bands[name])[use] for name in ("tick", "bin", "count"))
+    ticks = np.unique(tick)
+    table = np.zeros((len(ticks), int(edge.max()) + 1))
+    table[np.searchsorted(ticks, tick), edge] = count
+    share = np.cumsum(table, axis=1) / table.sum(axis=1, keepdims=True)
+    return ticks, np.stack([bin_values(np.argmax(share >= level, axis=1)) for level in LEVELS], axis=-1)
+
+
+def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> None:
+    """Write the ensemble: median (thick), 5 and 95 % (thin) of each quantity and observer."""
+    names, kinds = np.asarray(bands["observer"]), np.asarray(bands["quantity"])
+    pairs = list(dict.fromkeys(zip(kinds, names, strict=True)))
+    colours = on_dark(dict.fromkeys(str(name) for name in names if name != "loop")) | {"loop": REFERENCE}
+    views: list[Any] = []
+    for kind, title in TITLES.items():
+        if kind in kinds:
+            views.append(rrb.TimeSeriesView(origin=f"/{kind}", name=f"{title}: median, 5 and 95 % of {campaign.trials} trials"))
+    page = rrb.Blueprint(rrb.Grid(*views, grid_columns=2), collapse_panels=True)
+    with rr.RecordingStream("nacs campaign") as stream:
+        stream.save(path, default_blueprint=page)
+        stream.send_recording_name(campaign.title)
+        stream.log(
+            "about",
+            rr.TextDocument(f"# {campaign.title}\n\n{campaign.trials} trials of {campaign.scenario}", media_type="text/markdown"),
+            static=True,
+        )
+        for kind, name in pairs:
+            ticks, values = quantiles(bands, kind, name)
+            entity = f"{kind}/{rr.escape_entity_path_part(str(name))}"
+            labels = [f"{name} {100 * level:.0f} %" for level in LEVELS]
+            stream.log(entity, rr.SeriesLines(names=labels, colors=[colours[str(name)]] * 3, widths=[0.7, 2.0, 0.7]), static=True)
+            time = rr.TimeColumn(TIMELINE, duration=np.round(1e9 * dt * ticks).astype("timedelta64[ns]"))
+            stream.send_columns(entity, [time], rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(ticks), len(LEVELS))))

@@ -1,0 +1,218 @@
+"""Flight logs and their replay: the same numbers as in the loop, a laboratory's own files, and what can be wrong with them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from estimation.consistency import average_test
+from sim.build import build
+from sim.flight_log import STATES, export, read
+from sim.guests import Guests
+from sim.loop import run
+from sim.recording import Recording
+from sim.replay import choose, estimates, judge, replay, setting
+from sim.scenario import load
+
+TRIALS = np.array([2, 5, 6])
+GAPS = {
+    "run.ticks": 150,
+    "faults.0.start_s": 3.0,
+    "faults.1.start_s": 9.0,
+    "sensors.dropout_probability": 0.1,
+    "observers.nis-fading.tuning": "paper",
+}
+PARTS = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared")
+
+
+class Flown(NamedTuple):
+    path: Path
+    recording: Recording
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
+    scenario = load("nacs/disturbance", GAPS)
+    recording = run(build(scenario, TRIALS))
+    path = tmp_path_factory.mktemp("log") / "log.parquet"
+    export(path, recording, scenario, "nacs/disturbance")
+    return Flown(path, recording)
+
+
+@pytest.fixture
+def table(flown: Flown) -> pa.Table:
+    """One trial as a laboratory would write it."""
+    whole = pq.read_table(flown.path).slice(0, flown.recording.ticks)
+    names = [n for n in whole.column_names if not n.startswith("truth_") and n not in ("trial", "tick", "dt")]
+    return whole.select(names).replace_schema_metadata(None)
+
+
+def replaced(table: pa.Table, name: str, values: object) -> pa.Table:
+    return table.set_column(table.column_names.index(name), name, pa.array(values))
+
+
+def test_replay_gives_every_built_in_observer_to_the_bit(flown: Flown) -> None:
+    (log,), about = read(flown.path)
+    scenario = setting(about, "log", None, {})
+    assert np.isnan(flown.recording.channels["reading"]).any()
+    assert flown.recording.channels["nis-fading/declared"].any()
+    for name in flown.recording.observers:  # alone, where the loop stepped them as one
+        again = replay(log, scenario, choose(scenario, [name]), Guests()).recording
+        for part in PARTS:
+            np.testing.assert_array_equal(again.channels[f"{name}/{part}"], flown.recording.channels[f"{name}/{part}"], f"{name}/{part}")
+
+
+def test_a_log_holds_what_the_loop_saw(flown: Flown) -> None:
+    (log,), about = read(flown.path)
+    channels = flown.recording.channels
+    assert list(log.trials) == list(TRIALS)
+    assert log.dt == flown.recording.dt
+    for name, array in (("reading", log.reading), ("command", log.command), ("truth/state", log.truth), ("fault", log.fault)):
+        np.testing.assert_array_equal(array, channels[name])
+    assert about["settings"]["observers"]["nis-fading"]["tuning"] == "paper"
+
+
+def test_the_command_replays_what_another_wrote(nacs, tmp_path: Path) -> None:
+    assert nacs("run", "nacs/wheel-failure", "--set", "run.ticks=450", "--set", "faults.0.start_s=20",
+                "--set", "faults.0.duration_s=10", "--trials", 2, "--export-log", "--out", "it").code == 0  # fmt: skip
+    result = nacs("replay", "it/log.parquet", "--filter", "nis-fading", "--filter", "ekf", "--out", "again")
+    assert result.code == 0, result.err
+    assert "nacs/wheel-failure" in result.out
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {"estimates.parquet", "summary.json", "replay.png"}
+    found = pq.read_table(tmp_path / "again" / "estimates.parquet")
+    assert found.column_names[:3] == ["trial", "tick", "filter"]
+    assert found.num_rows == 2 * 450
+    rows, flown = (json.loads((tmp_path / folder / "summary.json").read_text())["rows"] for folder in ("again", "it"))
+    metrics = {"rmse_residual_rate", "rmse_truth_rate", "nees_mean", "nis_mean", "missed_fraction", "detection_delay_s"}
+    for row in (r for r in rows if r["metric"] in metrics):
+        (same,) = (r for r in pq.read_table(tmp_path / "it" / "trials.parquet").to_pylist()
+                   if r["trial"] == 0 and all(r[key] == row[key] for key in ("subject", "metric", "phase")))  # fmt: skip
+        assert row["mean"] == same["value"], row
+    assert {r["metric"] for r in rows} > metrics | {"declared_fraction", "nis_inside_fraction", "white_fraction"}
+    assert flown
+
+
+def test_a_laboratorys_log_needs_neither_truth_nor_settings(nacs, tmp_path: Path, table: pa.Table, flown: Flown) -> None:
+    pq.write_table(table, tmp_path / "lab.parquet")
+    result = nacs("replay", "lab.parquet", "--tuning", "paper", "--set", "plant.mass_kg=3.5", "--out", "it")
+    assert result.code == 0, result.err
+    assert "the NACS as published" in result.out
+    assert "truth" not in result.out
+    rows = json.loads((tmp_path / "it" / "summary.json").read_text())["rows"]
+    assert {row["subject"] for row in rows} == {"ekf", "mekf", "sif", "nis-windowed", "nis-fading"}
+    assert not any(row["metric"].startswith(("rmse_truth", "nees")) for row in rows)
+
+
+def test_trials_may_differ_in_length(tmp_path: Path, table: pa.Table, flown: Flown) -> None:
+    short = table.slice(0, 90).append_column("trial", pa.array([7] * 90))
+    whole = table.append_column("trial", pa.array([3] * table.num_rows))
+    pq.write_table(pa.concat_tables([short, whole]), tmp_path / "both.parquet")
+    blocks, about = read(tmp_path / "both.parquet")
+    scenario = setting(about, "log", None, {"sensors.dropout_probability": 0.1})
+    two = [replay(block, scenario, choose(scenario, ["mekf"]), Guests()) for block in blocks]
+    first, second = sorted((one.recording for one in two), key=lambda r: r.ticks)
+    np.testing.assert_array_equal(first.channels["mekf/mean"], second.channels["mekf/mean"][:90])
+    found = pa.concat_tables([estimates(one) for one in two])
+    assert sorted(set(found["trial"].to_pylist())) == [3, 7]
+    assert found.num_rows == 90 + table.num_rows
+
+
+def test_settings_mean_what_they_mean_in_a_run(flown: Flown) -> None:
+    (_, about) = read(flown.path)
+    named = setting(about, "log", "paper", {})
+    assert {o.tuning for o in named.observers.values()} == {"paper"}
+    common = setting(about, "log", None, {"tuning": "paper", "sensors.set": "paper", "observers.ekf.tuning": "consistent"})
+    assert {name: o.tuning for name, o in common.observers.items() if o.tuning != "paper"} == {"ekf": "consistent"}
+    assert common.sensors.attitude_noise_rad == pytest.approx(2 * 3e-6**0.5)
+    own = setting(about, "log", None, {})
+    assert own.observers["nis-fading"].tuning == "paper"
+    assert own.observers["ekf"].tuning == "consistent"
+
+
+def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path) -> None:
+    scenario = load("nacs/fault-free", {"run.ticks": 200, "sensors.dropout_probability": 0.3})
+    export(tmp_path / "log.parquet", run(build(scenario, np.arange(10))), scenario, "nacs/fault-free")
+    (log,), _ = read(tmp_path / "log.parquet")
+    replayed = replay(log, scenario, choose(scenario, ["mekf", "ekf"]), Guests())
+    for name in ("mekf", "ekf"):
+        assert judge(replayed, name).nis_inside > 0.85
+        nis = replayed.recording.channels[f"{name}/nis"]
+        assert average_test(nis, 10, axis=1).fraction_inside < 0.6  # as if nothing had been missing
+    gone = np.isnan(log.reading)
+    assert np.isnan(replayed.innovation["mekf"][gone[..., 4]][:, 3:6]).all()
+    assert np.isfinite(replayed.innovation["mekf"][1:][~gone[1:].any(axis=-1)]).all()
+
+
+def wrong_logs(table: pa.Table) -> dict[str, tuple[pa.Table, list[str]]]:
+    time = table["time_s"].to_numpy()
+    jump, back, text = time.copy(), time.copy(), ["a"] * len(time)
+    jump[50:] += 0.02
+    back[50] = back[49]
+    infinite, scaled = table["omega1"].to_numpy().copy(), table["q4"].to_numpy() * 2.0
+    infinite[3] = np.inf
+    silent = [None, *table["command2"].to_pylist()[1:]]
+    return {
+        "columns": (table.drop_columns(["omega2", "command4"]), ["lacks columns omega2, command4", "docs/replay.md"]),
+        "empty": (table.slice(0, 0), ["is empty"]),
+        "one row": (table.slice(0, 1), ["trial 0", "single row"]),
+        "back": (replaced(table, "time_s", back), ["trial 0", "time_s does not grow", "4.9 s is followed by 4.9 s"]),
+        "uneven": (replaced(table, "time_s", jump), ["interval of 0.12 s at 4.9 s", "period is 0.1 s", "5 %"]),
+        "text": (replaced(table, "omega1", text), ["omega1", "string", "not numbers"]),
+        "infinite": (replaced(table, "omega1", infinite), ["omega1, row 3", "finite"]),
+        "quaternion": (replaced(table, "q4", scaled), ["unit quaternion", "scalar last"]),
+        "command": (replaced(table, "command2", silent), ["command2 is missing at 0 s"]),
+        "period": (table.append_column("dt", pa.array([0.1] * 20 + [0.2] * (len(time) - 20))), ["dt changes from 0.1 s to 0.2 s"]),
+    }
+
+
+@pytest.mark.parametrize("what", ["columns", "empty", "one row", "back", "uneven", "text", "infinite", "quaternion", "command", "period"])
+def test_a_wrong_log_is_one_line_and_writes_nothing(nacs, tmp_path: Path, table: pa.Table, what: str) -> None:
+    wrong, wanted = wrong_logs(table)[what]
+    pq.write_table(wrong, tmp_path / "lab.parquet")
+    result = nacs("replay", "lab.parquet", "--filter", "ekf")
+    assert (result.code, result.err.count("\n"), result.out) == (2, 1, "")
+    for part in ["lab.parquet", *wanted]:
+        assert part in result.err
+    assert [path.name for path in tmp_path.iterdir()] == ["lab.parquet"]
+
+
+ARGUMENTS = [
+    (["nowhere.parquet"], ["nowhere.parquet", "cannot be read"]),
+    (["text.parquet"], ["text.parquet", "cannot be read"]),
+    (["lab.parquet", "--filter", "ukff"], ["--filter ukff", "no such filter", "ekf, mekf, sif"]),
+    (["lab.parquet", "--tuning", "best"], ["--tuning best", "paper, consistent"]),
+    (["lab.parquet", "--set", "plant.mas_kg=3"], ["lab.parquet", "plant.mas_kg", "mass_kg"]),
+    (["lab.parquet", "--observer", "mine.py:Mine"], ["mine.py", "No such file"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "wanted"), ARGUMENTS, ids=[" ".join(a) for a, _ in ARGUMENTS])
+def test_a_wrong_argument_is_one_line(nacs, tmp_path: Path, table: pa.Table, arguments: list[str], wanted: list[str]) -> None:
+    pq.write_table(table, tmp_path / "lab.parquet")
+    (tmp_path / "text.parquet").write_text("q1,q2\n")
+    result = nacs("replay", *arguments)
+    assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
+    for part in wanted:
+        assert part in result.err
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_metadata_of_another_program_are_one_line(nacs, tmp_path: Path, table: pa.Table) -> None:
+    for number, metadata in enumerate(('{"settings": {"plant": 1}}', '{"settings": 3}', "[1]", "{")):
+        pq.write_table(table.replace_schema_metadata({"nacs": metadata}), tmp_path / f"{number}.parquet")
+        result = nacs("replay", f"{number}.parquet")
+        assert (result.code, result.err.count("\n")) == (2, 1), result.err
+        assert f"{number}.parquet" in result.err
+
+
+def test_the_columns_are_those_of_the_page() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
+    for name in ("trial", "time_s", "dt", "q1", "omega1", "wheel1", "command1", "truth_", "sigma_rotation1", "nis_inside_fraction"):
+        assert f"`{name}" in page
+    assert STATES[:4] == ("q1", "q2", "q3", "q4")
