@@ -18,7 +18,7 @@ from sim import campaign_shard, command_campaign
 from sim.campaign_store import Store
 
 NAME = "nacs-wheel-failure"
-SIZES = (50, 100)  # trials, in shards of 50
+SIZES = (50, 200)  # trials, in shards of 50
 
 PARTS = {
     "batch": ((campaign_shard, "build"), (campaign_shard, "run"), (campaign_shard, "evaluate")),

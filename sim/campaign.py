@@ -113,6 +113,17 @@ def load(path: Path) -> Campaign:
     return campaign
 
 
+def is_campaign(name: str) -> bool:
+    """Whether a name on the command line is that of a campaign file: one that names a scenario instead of being one."""
+    path = Path(name)
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    try:
+        return "scenario" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+        return False
+
+
 def draw(campaign: Campaign, base: Scenario, trials: NDArray[np.int64]) -> Drawn:
     """Plants, sensors, faults and starts of the given trials; each depends on the seed and its own number alone.
 

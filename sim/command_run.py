@@ -12,8 +12,10 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models.nacs import compile_nacs
+from sim import campaign as campaigns
 from sim import tables
 from sim.build import build
+from sim.campaign import Campaign
 from sim.guests import Guests
 from sim.metrics import Metric
 from sim.recording import Recorder, Recording
@@ -34,6 +36,7 @@ def run(
     overrides: Overrides = None,
     workers: Annotated[int, typer.Option(min=1, help="processes that share the trials; no number depends on it")] = 1,
     only_trial: Annotated[int | None, typer.Option(min=0, help="simulate this one trial of the run and record it")] = None,
+    point: Annotated[int, typer.Option(min=0, help="of a campaign's grid, if SCENARIO is a campaign file")] = 0,
     record_trials: Annotated[int, typer.Option(min=0, help="how many trials are recorded for Rerun")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
     observers: Annotated[
@@ -54,7 +57,12 @@ def run(
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
     guests = Guests(tuple(observers or ()), controller)
-    loaded = load(name, trials, seed, overrides, guests.names)
+    source = campaigns.load(Path(name)) if campaigns.is_campaign(name) else None
+    if source and (only_trial is None or trials or seed or overrides):
+        raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
+    if source and not 0 <= point < len(source.points):
+        raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
+    loaded = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
     numbers = np.arange(loaded.run.trials) if only_trial is None else np.array([only_trial])
     if only_trial is not None and only_trial >= loaded.run.trials:
         raise BadInput(f"--only-trial {only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
@@ -66,7 +74,7 @@ def run(
     guests.check(loaded)
     stream = _live_stream(loaded, name, guests) if live else None
     started = time.perf_counter()
-    shards, stopped = _simulate(loaded, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
+    shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
     if stream:
         stream.close()
     failure = next((shard for shard in shards if shard.failure), None)
@@ -103,7 +111,13 @@ def _live_stream(loaded: Scenario, name: str, guests: Guests) -> LiveStream:
 
 
 def _simulate(
-    loaded: Scenario, numbers: Any, recorded: Any, workers: int, guests: Guests, stream: Callable[[int, Recorder], None] | None
+    loaded: Scenario,
+    source: Campaign | None,
+    numbers: Any,
+    recorded: Any,
+    workers: int,
+    guests: Guests,
+    stream: Callable[[int, Recorder], None] | None,
 ) -> tuple[list[Shard], bool]:
     """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
     shards: list[Shard] = []
@@ -120,7 +134,7 @@ def _simulate(
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
             for shard in simulate_all(
-                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), guests, stream
+                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), guests, source, stream
             ):
                 shards.append(shard)
                 if shard.failure:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.build import build
+from sim.campaign import Campaign, draw
 from sim.engines import processes
 from sim.guests import Guests
 from sim.loop import run
@@ -52,10 +53,15 @@ def simulate(
     trials: NDArray[np.int64],
     recorded: NDArray[np.int64],
     guests: Guests | None = None,
+    campaign: Campaign | None = None,
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Shard:
-    """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception."""
-    system = build(scenario, trials, guests)
+    """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception.
+
+    With a `campaign` each trial's plant, sensors, faults and start are those that it draws there.
+    """
+    variants = draw(campaign, scenario, trials).variants if campaign else None
+    system = build(scenario, trials, guests, variants)
     try:
         recording = run(system, on_tick)
     except SimulationFailed as failure:
@@ -73,6 +79,7 @@ def simulate_all(
     workers: int,
     progress: Progress,
     guests: Guests | None = None,
+    campaign: Campaign | None = None,
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Iterator[Shard]:
     """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
@@ -84,11 +91,11 @@ def simulate_all(
                 if on_tick and first:
                     on_tick(k, recorder)
 
-            yield simulate(scenario, block, recorded, guests, tick)
+            yield simulate(scenario, block, recorded, guests, campaign, tick)
         return
     pool = processes(min(workers, len(blocks)))
     try:
-        waiting = [pool.submit(simulate, scenario, block, recorded, guests) for block in blocks]
+        waiting = [pool.submit(simulate, scenario, block, recorded, guests, campaign) for block in blocks]
         for done in as_completed(waiting):
             shard = done.result()
             progress(len(shard.trials) * scenario.run.ticks)

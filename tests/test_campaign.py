@@ -136,6 +136,28 @@ def test_a_failed_trial_is_a_row_with_its_reason_and_harms_no_other(file: Path, 
     assert [r for r in found if r["trial"] != 2] == [r for r in sound if r["trial"] != 2]
 
 
+def test_one_trial_of_a_campaign_flies_again_to_the_bit(nacs, file: Path, tmp_path: Path) -> None:
+    assert nacs("campaign", file, "--out", "all", "--workers", 1).code == 0
+    result = nacs("run", file, "--only-trial", 4, "--out", "one")
+    assert result.code == 0, result.err
+    key = ("subject", "metric", "phase", "value")
+    alone = {tuple(row[k] for k in key) for row in pq.read_table(tmp_path / "one" / "trials.parquet").to_pylist()}
+    mine = [
+        row for row in rows(tmp_path / "all").to_pylist() if row["trial"] == 4 and row["subject"] != "draw" and row["metric"] != "failed"
+    ]
+    assert mine
+    assert {tuple(row[k] for k in key) for row in mine} <= alone
+    assert (tmp_path / "one" / "recording.rrd").is_file()
+
+
+def test_a_campaign_cannot_be_run_as_a_scenario(nacs, file: Path) -> None:
+    result = nacs("run", file)
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "is a campaign" in result.err
+    assert "--only-trial K" in result.err
+    assert "--point 3" in nacs("run", file, "--only-trial", 0, "--point", 3).err
+
+
 # draws ------------------------------------------------------------------------------------------------------------------------
 
 
