@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -31,7 +32,7 @@ class Assembly:
 
     Attributes:
       model: what is stepped: no visual geoms.
-      scene: the same plant with everything that a person looks at; the same state layout.
+      draw: compiles the same plant with everything that a person looks at; the same state layout.
       attitude_joints: ball or free joints whose rotation is q_BN, one for each agent; none for planar agents.
       wheel_joints: hinges of the reaction wheels, in the order of the wheel numbers.
       wheel_actuators: torque actuators of those wheels.
@@ -48,7 +49,7 @@ class Assembly:
     """
 
     model: mujoco.MjModel
-    scene: mujoco.MjModel
+    draw: Callable[[], mujoco.MjModel]
     attitude_joints: tuple[str, ...]
     wheel_joints: tuple[str, ...]
     wheel_actuators: tuple[str, ...]
@@ -62,3 +63,8 @@ class Assembly:
     process: ProcessModel
     reassemble: Callable[[Array, Array], MassProperties]
     keyframe: str
+
+    @cached_property
+    def scene(self) -> mujoco.MjModel:
+        """What a person looks at; compiled when somebody does."""
+        return self.draw()

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from scipy.stats import qmc
 
 from models.inertia import why_impossible
-from models.nacs import INERTIA_SETS, compile_nacs
+from models.nacs import INERTIA_SETS, prepare_nacs
 from sim import scenario as scenarios
 from sim.draws import Number
 from sim.faults import Fault
@@ -133,14 +133,14 @@ def draw(campaign: Campaign, base: Scenario, trials: NDArray[np.int64]) -> Drawn
       BadInput: a draw is impossible and the file says refuse, or a hundred draws in a row were.
     """
     sections = _sections(base)
-    assembly = compile_nacs(base.plant)
+    reassemble = prepare_nacs(base.plant).reassemble
     parts, values, redrawn = [], [], []
     for trial, share in zip(trials, _shares(campaign, trials), strict=True):
         for attempt in range(REDRAWS):
             picked = {key: d.quantile(float(s)) for (key, d), s in zip(campaign.dispersion.items(), share, strict=True)}
             try:
                 part = _variant(base, sections, picked)
-                bus = assembly.reassemble(part[0].inertia, 1e-6 * np.array(part[0].centre_of_mass_um))
+                bus = reassemble(part[0].inertia, part[0].centre_of_mass)
                 reason = why_impossible(part[0].inertia) or why_impossible(np.diag(bus.moments))
             except ValidationError as invalid:
                 reason = str(invalid.errors()[0]["msg"])

@@ -21,6 +21,7 @@ from sim.campaign_shard import METRIC_SCHEMA, Job, Tables
 from sim.results import versions
 from sim.scenario import BadInput
 
+SHARDS_AT_ONCE = 32
 TRIALS_A_GROUP = 256  # of the merged table; on trial numbers, so that it is the same for any shard size
 
 
@@ -112,14 +113,14 @@ class Store:
 
     def add_up(self, jobs: list[Job], suffix: str, keys: list[str], number: list[str]) -> pa.Table:
         """Whole numbers of all shards of some jobs added up by key; the same in any order."""
-        total: pa.Table | None = None
-        for job in jobs:
-            table = pq.read_table(self.path(job.point, job.start).with_suffix(suffix))
-            joined = table if total is None else pa.concat_tables([total, table])
-            grouped = joined.group_by(keys, use_threads=False).aggregate([(name, "sum") for name in number])
-            total = grouped.rename_columns([*keys, *number]).select([*keys, *number]).cast(table.select([*keys, *number]).schema)
-        assert total is not None
-        return total.sort_by([(key, "ascending") for key in keys])
+        held: list[pa.Table] = []
+        for i, job in enumerate(jobs):
+            held.append(pq.read_table(self.path(job.point, job.start).with_suffix(suffix)))
+            if len(held) > SHARDS_AT_ONCE or i == len(jobs) - 1:
+                schema = held[0].schema
+                grouped = pa.concat_tables(held).group_by(keys, use_threads=False).aggregate([(name, "sum") for name in number])
+                held = [grouped.rename_columns([*keys, *number]).select(schema.names).cast(schema)]
+        return held[0].sort_by([(key, "ascending") for key in keys])
 
 
 def _is_sound(path: Path, job: Job) -> bool:

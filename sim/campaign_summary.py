@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ Array = NDArray[np.floating]
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RESAMPLES = 500
+ROWS_AT_ONCE = 5_000_000
 DOF = 10  # error coordinates of the NACS filters, and what their readings carry
 
 
@@ -34,12 +36,29 @@ class Distribution(NamedTuple):
 
 
 def distributions(trials: Path, point: int) -> Iterator[Distribution]:
-    """Metrics of a point in the order of the first trial that has them, one at a time."""
-    head = pq.read_table(trials, columns=["subject", "metric", "phase", "unit"], filters=[("point", "=", point)])
-    for row in head.group_by(["subject", "metric", "phase", "unit"], use_threads=False).aggregate([]).to_pylist():
-        where = [("point", "=", point), *((key, "=", row[key]) for key in ("subject", "metric", "phase"))]
-        table = pq.read_table(trials, columns=["trial", "value"], filters=where)
-        yield Distribution(point=point, **row, trials=np.asarray(table["trial"]), values=np.asarray(table["value"]))
+    """Metrics of a point, in the order in which trials have them; some at a time, so that memory does not grow with the trials."""
+    here = [("point", "=", point)]
+    names = pq.read_table(trials, columns=["subject", "metric", "phase", "unit"], filters=here)
+    keys = names.group_by(names.column_names, use_threads=False).aggregate([]).to_pylist()
+    subjects = list(dict.fromkeys(row["subject"] for row in keys))
+    passes = [subjects] if len(names) <= ROWS_AT_ONCE else [[subject] for subject in subjects]
+    for some in passes:
+        table = pq.read_table(trials, columns=["trial", "subject", "metric", "phase", "value"], filters=[*here, ("subject", "in", some)])
+        codes = [table[name].combine_chunks().dictionary_encode() for name in ("subject", "metric", "phase")]
+        code = np.zeros(len(table), dtype=np.int64)
+        for one in codes:
+            code = code * len(one.dictionary) + np.asarray(one.indices)
+        order = np.argsort(code, kind="stable")
+        edges = np.flatnonzero(np.diff(code[order], prepend=-1, append=np.iinfo(np.int64).max))
+        found = {}
+        number, value = np.asarray(table["trial"])[order], np.asarray(table["value"])[order]
+        for start, stop in itertools.pairwise(edges):
+            first = order[start]
+            found[tuple(one.dictionary[int(one.indices[int(first)].as_py())].as_py() for one in codes)] = slice(start, stop)
+        for row in keys:
+            if row["subject"] in some:
+                part = found[row["subject"], row["metric"], row["phase"]]
+                yield Distribution(point=point, **row, trials=number[part], values=value[part])
 
 
 def summarize(found: Distribution, seed: int) -> dict[str, Any]:

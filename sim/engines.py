@@ -88,12 +88,18 @@ class Dask:
         cluster: Any = None
         try:
             if self.scheduler is None:
+                here = "127.0.0.1:0"  # any free port of this machine alone, also for the pages that dask serves
                 cluster = LocalCluster(
-                    n_workers=self.workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, worker_dashboard_address=None
+                    n_workers=self.workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=here, worker_dashboard_address=here
                 )
-            client = Client(cluster or self.scheduler, timeout=5)
+            client = Client(cluster or self.scheduler, timeout=120 if cluster else 5)
         except (OSError, TimeoutError, ValueError) as refused:
-            raise BadInput(f"--scheduler {self.scheduler}: no dask scheduler answers there ({type(refused).__name__})") from None
+            what = (
+                f"--scheduler {self.scheduler}: no dask scheduler answers there"
+                if self.scheduler
+                else "--engine dask: no local cluster starts"
+            )
+            raise BadInput(f"{what} ({type(refused).__name__}: {refused})") from None
         with client:
             try:
                 count = IN_FLIGHT * max(1, len(client.scheduler_info()["workers"]))

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from pydantic_core import ErrorDetails
 
 from models.inertia import why_impossible
-from models.nacs import ImpossibleInertia, NacsParameters, compile_nacs
+from models.nacs import ImpossibleInertia, NacsParameters, prepare_nacs
 from sim.faults import Fault, InertiaChange, earliest_start, latest_end
 from sim.observers import TUNINGS, ObserverSettings, Tuning
 from sim.references import ReferenceSettings
@@ -138,12 +138,12 @@ class Scenario(_Section):
             if isinstance(wheel, int) and wheel > 4:
                 raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to 4 or 'all'")
         try:
-            assembly = compile_nacs(self.plant)
+            reassemble = prepare_nacs(self.plant).reassemble
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
         for number, fault in enumerate(self.faults):
             if isinstance(fault, InertiaChange):
-                whole, bus = fault.properties.inertia, np.diag(assembly.reassemble(*fault.properties).moments)
+                whole, bus = fault.properties.inertia, np.diag(reassemble(*fault.properties).moments)
                 if reason := why_impossible(whole) or why_impossible(bus):
                     raise ValueError(f"faults.{number} (inertia): no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
         return self
