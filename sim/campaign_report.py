@@ -14,7 +14,7 @@ from scipy.stats import binomtest
 
 from sim.campaign import Campaign
 from sim.campaign_summary import Distribution, beats_both_by_trial
-from sim.palette import OBSERVER_COLORS
+from sim.palette import on_light
 from sim.report import STYLE
 
 Array = NDArray[np.floating]
@@ -41,7 +41,7 @@ def write_report(path: Path, campaign: Campaign, found: list[Distribution], poin
 
 
 def _color(observer: str) -> str:
-    return OBSERVER_COLORS.get(observer, "#444444")
+    return on_light((observer,))[observer]
 
 
 def _errors(axes: Axes, found: list[Distribution]) -> None:

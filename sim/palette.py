@@ -29,6 +29,14 @@ ALERT: Colour = (214, 72, 62)
 _SPARE: tuple[Colour, ...] = ((240, 215, 90), (255, 120, 160), (130, 225, 110), (120, 170, 255))  # for observers that are not named above
 
 
+_SPARE_ON_LIGHT = ("#a3195b", "#5b7f00", "#00718f", "#7a4b00")
+
+
+def on_light(observers: Iterable[str]) -> dict[str, str]:
+    """Colour code of each observer on a white page."""
+    return {name: OBSERVER_COLORS.get(name, _SPARE_ON_LIGHT[i % len(_SPARE_ON_LIGHT)]) for i, name in enumerate(observers)}
+
+
 def rgb(code: str) -> Colour:
     """Bytes of a colour code like #eb4236."""
     return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)

@@ -13,13 +13,11 @@ from scipy.ndimage import uniform_filter1d
 
 from estimation.consistency import average_bounds
 from models import quaternion
-from sim.palette import OBSERVER_COLORS
+from sim.palette import on_light
 from sim.recording import Recording
 from sim.report import SMOOTHING_S, STYLE
 
 Array = NDArray[np.floating]
-
-GUESTS = ("#c2185b", "#00838f", "#6d8b00", "#5d4037")  # colours of filters that have none of their own
 
 
 def write_picture(path: Path, title: str, recording: Recording) -> None:
@@ -103,6 +101,4 @@ def _detection(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
 
 
 def _line(recording: Recording, name: str) -> dict[str, str | float]:
-    others = [n for n in recording.observers if n not in OBSERVER_COLORS]
-    color = OBSERVER_COLORS.get(name) or GUESTS[others.index(name) % len(GUESTS)]
-    return {"color": color, "label": name, "lw": 1.1, "ls": "--" if name == "mekf" else "-"}
+    return {"color": on_light(recording.observers)[name], "label": name, "lw": 1.1, "ls": "--" if name == "mekf" else "-"}

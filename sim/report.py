@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from models import quaternion
-from sim.palette import OBSERVER_COLORS, WHEEL_COLORS
+from sim.palette import WHEEL_COLORS, on_light
 from sim.recording import Recording
 
 Array = NDArray[np.floating]
@@ -93,20 +93,20 @@ def _attitude_error(axes: Axes, recording: Recording) -> None:
     truth = recording.channels["truth/state"][:, 0, :4]
     for observer in recording.observers:
         angle = np.degrees(quaternion.angle(recording.channels[f"{observer}/mean"][:, 0, :4], truth))
-        axes.semilogy(recording.time, 1e3 * _smooth(angle, recording), label=observer, **_line(observer))
+        axes.semilogy(recording.time, 1e3 * _smooth(angle, recording), label=observer, **_line(observer, recording))
     axes.set(title=f"Attitude error of the estimate (RMS over {SMOOTHING_S:g} s)", ylabel="error [mdeg]")
     _finish_log(axes)
-    axes.legend(ncols=5, loc="upper left", columnspacing=1.2, handlelength=1.6)
+    axes.legend(ncols=5 if len(recording.observers) <= 5 else 4, loc="upper left", columnspacing=1.2, handlelength=1.6)
 
 
 def _rate_error(axes: Axes, recording: Recording) -> None:
     truth = recording.channels["truth/state"][:, 0, 4:7]
     for observer in recording.observers:
         error = np.linalg.norm(recording.channels[f"{observer}/mean"][:, 0, 4:7] - truth, axis=-1)
-        axes.semilogy(recording.time, 1e3 * _smooth(error, recording), label=observer, **_line(observer))
+        axes.semilogy(recording.time, 1e3 * _smooth(error, recording), label=observer, **_line(observer, recording))
     axes.set(title=f"Rate error of the estimate (RMS over {SMOOTHING_S:g} s)", ylabel="error [mrad/s]")
     _finish_log(axes)
-    axes.legend(ncols=5, loc="upper left", columnspacing=1.2, handlelength=1.6)
+    axes.legend(ncols=5 if len(recording.observers) <= 5 else 4, loc="upper left", columnspacing=1.2, handlelength=1.6)
 
 
 def _statistics(axes: Axes, recording: Recording) -> None:
@@ -114,7 +114,7 @@ def _statistics(axes: Axes, recording: Recording) -> None:
     hybrids = {name: limits for name, limits in recording.thresholds.items() if limits is not None}
     axes.set(title="Smoothed NIS / upper threshold, and declared faults", ylabel="ratio")
     for row, (observer, (on, off)) in enumerate(hybrids.items()):
-        color = OBSERVER_COLORS.get(observer, "#444444")
+        color = on_light(recording.observers)[observer]
         axes.semilogy(recording.time, recording.channels[f"{observer}/statistic"][:, 0] / on, color=color, label=observer)
         axes.axhline(off / on, color=color, lw=0.8, ls=(0, (1, 2)))
         declared = recording.channels[f"{observer}/declared"][:, 0].astype(bool)
@@ -160,10 +160,10 @@ def _finish_log(axes: Axes) -> None:
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _line(observer: str) -> dict[str, str | float]:
+def _line(observer: str, recording: Recording) -> dict[str, str | float]:
     """Colour of an observer; the baselines are thinner than what the scenario is about, the MEKF dashed over the EKF it equals."""
     return {
-        "color": OBSERVER_COLORS.get(observer, "#444444"),
+        "color": on_light(recording.observers)[observer],
         "lw": 1.1 if observer in ("ekf", "mekf", "sif") else 1.5,
         "ls": "--" if observer == "mekf" else "-",
     }

@@ -75,7 +75,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     low, high = average_bounds(10, trials)
     caption = f"means over {trials} trials; consistent NEES and NIS at a tick: {low:.2f} .. {high:.2f} (95 %)"
     table = _table("Estimators: sums of RMSE against the truth, and consistency", caption)
-    table.add_column("filter", no_wrap=True)
+    table.add_column("filter", max_width=13, overflow="fold")
     for metric, heading, _ in _ESTIMATORS:
         table.add_column(heading, justify="right")
         if published and metric == "rmse_residual_total":
