@@ -127,8 +127,8 @@ def band_quantities(recording: Recording) -> dict[tuple[str, str], Array]:
     return out
 
 
-def bin_values(bins: NDArray[np.int64]) -> Array:
-    """Middle of each logarithmic bin."""
+def bin_values(bins: NDArray[np.int64] | Array) -> Array:
+    """Middle of each logarithmic bin; fractions lie between."""
     return 10.0 ** (LOWEST_DECADE + (bins + 0.5) / BINS_PER_DECADE)
 
 

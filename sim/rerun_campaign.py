@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -34,8 +33,15 @@ def quantiles(bands: pa.Table, quantity: str, observer: str) -> tuple[NDArray[np
     ticks = np.unique(tick)
     table = np.zeros((len(ticks), int(edge.max()) + 1))
     table[np.searchsorted(ticks, tick), edge] = count
-    share = np.cumsum(table, axis=1) / table.sum(axis=1, keepdims=True)
-    return ticks, np.stack([bin_values(np.argmax(share >= level, axis=1)) for level in LEVELS], axis=-1)
+    before = np.cumsum(table, axis=1) - table
+    total = table.sum(axis=1)
+    found = []
+    for level in LEVELS:
+        edge = np.argmax(np.cumsum(table, axis=1) >= level * total[:, None], axis=1)
+        row = np.arange(len(ticks))
+        inside = (level * total - before[row, edge]) / table[row, edge]  # trials are taken as spread evenly over the bin
+        found.append(bin_values(edge + inside - 0.5))
+    return ticks, np.stack(found, axis=-1)
 
 
 def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> None:
@@ -43,10 +49,17 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
     names, kinds = np.asarray(bands["observer"]), np.asarray(bands["quantity"])
     pairs = list(dict.fromkeys(zip(kinds, names, strict=True)))
     colours = on_dark(dict.fromkeys(str(name) for name in names if name != "loop")) | {"loop": REFERENCE}
-    views: list[Any] = []
-    for kind, title in TITLES.items():
-        if kind in kinds:
-            views.append(rrb.TimeSeriesView(origin=f"/{kind}", name=f"{title}: median, 5 and 95 % of {campaign.trials} trials"))
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=dt * float(tick)) for tick in (0, np.asarray(bands["tick"]).max()))
+    views = [
+        rrb.TimeSeriesView(
+            origin=f"/{kind}",
+            name=f"{title}: median, 5 and 95 % of {campaign.trials} trials",
+            axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
+            plot_legend=rrb.PlotLegend("RightTop"),
+        )
+        for kind, title in TITLES.items()
+        if kind in kinds
+    ]
     page = rrb.Blueprint(rrb.Grid(*views, grid_columns=2), collapse_panels=True)
     with rr.RecordingStream("nacs campaign") as stream:
         stream.save(path, default_blueprint=page)
@@ -59,7 +72,7 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
         for kind, name in pairs:
             ticks, values = quantiles(bands, kind, name)
             entity = f"{kind}/{rr.escape_entity_path_part(str(name))}"
-            labels = [f"{name} {100 * level:.0f} %" for level in LEVELS]
+            labels = [f"{name} 5 %", f"{name} median", f"{name} 95 %"]
             stream.log(entity, rr.SeriesLines(names=labels, colors=[colours[str(name)]] * 3, widths=[0.7, 2.0, 0.7]), static=True)
             time = rr.TimeColumn(TIMELINE, duration=np.round(1e9 * dt * ticks).astype("timedelta64[ns]"))
             stream.send_columns(entity, [time], rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(ticks), len(LEVELS))))
