@@ -22,7 +22,8 @@ def fly(scenario: Scenario) -> None:
     model = system.plant.assembly.scene
     data = mujoco.MjData(model)
     velocity = np.zeros(model.nv)
-    with mujoco.viewer.launch_passive(model, data) as window:
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
+        mujoco.mjv_defaultFreeCamera(model, window.cam)
         started = time.perf_counter()
 
         def show(tick: int, recorder: Recorder) -> None:
