@@ -26,6 +26,13 @@ def processes(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent)
 
 
+def stop(pool: ProcessPoolExecutor) -> None:
+    """End a pool now, whatever its workers are at: this process would otherwise wait for them before it ends."""
+    pool.shutdown(wait=False, cancel_futures=True)
+    for child in multiprocessing.active_children():
+        child.terminate()
+
+
 def _die_with_parent() -> None:
     """Watch the parent from a thread: an orphan of the pool would otherwise wait for work for ever."""
     parent = multiprocessing.parent_process()
@@ -67,7 +74,7 @@ class Local:
                 for future in done:
                     yield future.result()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            stop(pool)
 
 
 class Dask:

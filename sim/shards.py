@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim.build import build
 from sim.campaign import Campaign, draw
-from sim.engines import processes
+from sim.engines import processes, stop
 from sim.guests import Guests
 from sim.loop import run
 from sim.metrics import Metric, evaluate
@@ -101,7 +101,7 @@ def simulate_all(
             progress(len(shard.trials) * scenario.run.ticks)
             yield shard
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        stop(pool)
 
 
 def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], Recording | None]:
