@@ -75,11 +75,11 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     low, high = average_bounds(10, trials)
     caption = f"means over {trials} trials; consistent NEES and NIS at a tick: {low:.2f} .. {high:.2f} (95 %)"
     table = _table("Estimators: sums of RMSE against the truth, and consistency", caption)
-    table.add_column("filter", max_width=13, overflow="fold")
+    table.add_column("filter", overflow="fold")
     for metric, heading, _ in _ESTIMATORS:
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
         if published and metric == "rmse_residual_total":
-            table.add_column(f"paper\n{published.source}\n1e-3", justify="right", style="cyan")
+            table.add_column(f"paper\n{published.source}\n1e-3", justify="right", style="cyan", no_wrap=True)
     for name in observers:
         cells = []
         for metric, _, factor in _ESTIMATORS:
