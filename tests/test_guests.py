@@ -70,7 +70,7 @@ def fly(guests: Guests, scenario: str = "nacs/disturbance", **more: object) -> R
 def test_the_examples_of_the_page_join_table_metrics_report_and_recording(nacs, tmp_path: Path) -> None:
     result = nacs("run", *QUICK, "--observer", FILTER, "--controller", LAW, "--record-trials", 1, "--out", "it")
     assert result.code == 0, result.err
-    assert re.search(r"complementary-filter +[\d.]+", result.out)
+    assert re.search(r"complementary(-filter)? +[\d.]+", result.out)
     assert "controller feed-forward" in result.out
     assert "complementary-filter" in pq.read_table(tmp_path / "it" / "trials.parquet")["subject"].to_pylist()
     summary = json.loads((tmp_path / "it" / "summary.json").read_text())
