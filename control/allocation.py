@@ -4,11 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from control.tracking import Estimate
+
 Array = NDArray[np.floating]
+
+
+class Allocation(Protocol):
+    """A way of sharing: frozen settings, and a memory that is handed in and out."""
+
+    def start(self, shape: tuple[int, ...]) -> Array:
+        """Memory before the first tick, (*shape, ...) for batch axes `shape`."""
+        ...
+
+    def step(self, torque_B: Array, estimate: Estimate, memory: Array) -> tuple[Array, Array]:
+        """Torque of each motor on its wheel, (..., wheels) N m, and the memory after it; torque_B (..., 3) N m."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +45,16 @@ class PseudoInverseAllocation:
     def _inverse(self) -> Array:
         return np.linalg.pinv(self.wheel_axes)
 
-    def step(self, torque_B: Array) -> Array:
-        """Torque of each motor on its wheel, (..., wheels) N m; torque_B (..., 3) N m."""
-        wheel = -(self._inverse @ torque_B[..., None])[..., 0]
-        peak = np.max(np.abs(wheel), axis=-1, keepdims=True)
-        return wheel * np.minimum(1.0, self.torque_limit / np.maximum(peak, 1e-300))
+    def start(self, shape: tuple[int, ...]) -> Array:
+        """Nothing is remembered, (*shape, 0)."""
+        return np.zeros((*shape, 0))
+
+    def step(self, torque_B: Array, estimate: Estimate, memory: Array) -> tuple[Array, Array]:  # noqa: ARG002
+        """Torque of each motor on its wheel, (..., wheels) N m; torque_B (..., 3) N m; estimate and memory are not used."""
+        return scaled(-(self._inverse @ torque_B[..., None])[..., 0], self.torque_limit), memory
+
+
+def scaled(wheel_torque: Array, limit: float) -> Array:
+    """Torques (..., wheels), scaled as a whole where one of them would exceed `limit`, N m."""
+    peak = np.max(np.abs(wheel_torque), axis=-1, keepdims=True)
+    return wheel_torque * np.minimum(1.0, limit / np.maximum(peak, 1e-300))

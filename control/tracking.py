@@ -18,6 +18,7 @@ class Estimate(NamedTuple):
     q_BN: Array  # (..., 4)
     omega_BN_B: Array  # (..., 3) rad/s
     omega_wheel: Array  # (..., wheels) rad/s
+    mode_probabilities: Array | None = None  # (..., modes), the healthy one first; None: nobody estimates the mode
 
 
 class Target(NamedTuple):

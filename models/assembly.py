@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -26,6 +27,17 @@ class MassProperties:
     axes: Array  # (..., 4) scalar-first quaternion of the principal axes
 
 
+class ImpossibleInertia(ValueError):
+    """A tensor that no rigid body has."""
+
+
+class Prepared(NamedTuple):
+    """A plant's specification with its parameters, not yet compiled."""
+
+    spec: mujoco.MjSpec
+    reassemble: Callable[[Array, Array], MassProperties]
+
+
 @dataclass(frozen=True)
 class Assembly:
     """A plant ready to be stepped.
@@ -38,7 +50,7 @@ class Assembly:
       wheel_actuators: torque actuators of those wheels.
       wheel_axes: spin axes in B, (3, wheels).
       wheel_torque_limit: N m a wheel; the drive's command range.
-      wheel_speed_limit: rad/s, where back-EMF has used up the supply voltage.
+      wheel_speed_limit: rad/s, where back-EMF has used up the supply voltage; inf where nothing limits it.
       wheel_inertia: about the spin axis, kg m2.
       inertia: of the whole with wheels locked, about the centre of rotation, (3, 3) kg m2.
       centre_of_mass: of the whole from the centre of rotation, (3,) m in B.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from models import inertia as mass_geometry
-from models.assembly import Assembly, MassProperties
+from models import provenance
+from models.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
+from models.provenance import known
+from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
 from models.wheels import pyramid
 
@@ -36,66 +39,61 @@ Vector3 = tuple[float, float, float]
 Sextuple = tuple[float, float, float, float, float, float]
 
 
-def _known(default: Any, description: str, unit: str, provenance: str) -> Any:
-    """A field that carries its unit and where its value comes from."""
-    return Field(default, description=description, json_schema_extra={"unit": unit, "provenance": provenance})
-
-
 class NacsParameters(BaseModel):
     """Every number of the NACS plant; `json_schema_extra` of a field holds its unit and provenance."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = _known(
+    inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = known(
         "hypothesis",
         "whole with wheels locked, about the centre of rotation: a named set or [xx, yy, zz, xy, xz, yz]",
         "kg m2",
         "published (eq. 26), J_yy by hypothesis: printed 0.172994, used 0.0172994",
     )
-    wheel_inertia_kg_m2: Positive = _known(1.740138e-5, "of a wheel about its spin axis", "kg m2", "published (eq. 26)")
-    wheel_azimuth_deg: float = _known(45.0, "alpha of the pyramid", "deg", "published (eq. 6)")
-    wheel_elevation_deg: float = _known(45.0, "beta of the pyramid", "deg", "published (eq. 6)")
-    wheel_transverse_inertia_kg_m2: Positive = _known(9.29e-6, "of a wheel across its spin axis", "kg m2", "chosen: disc of 43 mm x 10 mm")
-    wheel_mass_kg: Positive = _known(0.075, "of a wheel", "kg", "chosen: disc of 43 mm, fits J_w")
-    mass_kg: Positive = _known(3.2, "whole floating part", "kg", "chosen: fits J_B and a 2U mock-up")
-    centre_of_mass_um: Vector3 = _known(
+    wheel_inertia_kg_m2: Positive = known(1.740138e-5, "of a wheel about its spin axis", "kg m2", "published (eq. 26)")
+    wheel_azimuth_deg: float = known(45.0, "alpha of the pyramid", "deg", "published (eq. 6)")
+    wheel_elevation_deg: float = known(45.0, "beta of the pyramid", "deg", "published (eq. 6)")
+    wheel_transverse_inertia_kg_m2: Positive = known(9.29e-6, "of a wheel across its spin axis", "kg m2", "chosen: disc of 43 mm x 10 mm")
+    wheel_mass_kg: Positive = known(0.075, "of a wheel", "kg", "chosen: disc of 43 mm, fits J_w")
+    mass_kg: Positive = known(3.2, "whole floating part", "kg", "chosen: fits J_B and a 2U mock-up")
+    centre_of_mass_um: Vector3 = known(
         (0.5, -0.4, 1.0),
         "of the whole in B from the centre of rotation, masses at home",
         "um",
         "chosen: well balanced, slightly bottom-heavy (Chesi et al. 2014 reach a few um)",
     )
-    balance_mass_kg: Positive = _known(0.05, "each of three sliding masses", "kg", "chosen")
-    balance_position_mm: Vector3 = _known((0.0, 0.0, 0.0), "set-points of the masses on their rails", "mm", "chosen; travel +-40 mm")
-    motor_constant_nm_a: Positive = _known(
+    balance_mass_kg: Positive = known(0.05, "each of three sliding masses", "kg", "chosen")
+    balance_position_mm: Vector3 = known((0.0, 0.0, 0.0), "set-points of the masses on their rails", "mm", "chosen; travel +-40 mm")
+    motor_constant_nm_a: Positive = known(
         0.01404, "torque per current = back-EMF per speed", "N m/A = V s/rad", "chosen: no-load speed 8000 rpm at the usable supply voltage"
     )
-    winding_resistance_ohm: Positive = _known(2.0, "terminal resistance", "ohm", "chosen: stall at 6 A")
-    supply_voltage_v: Positive = _known(11.76, "usable motor voltage", "V", "datasheet (ESCON: 0.98 Vcc), 12 V supply chosen")
-    drive_current_a: Positive = _known(2.0, "continuous limit of the drive", "A", "datasheet (ESCON 24/2)")
-    command_bits: Annotated[int, Field(ge=0, le=24)] = _known(
+    winding_resistance_ohm: Positive = known(2.0, "terminal resistance", "ohm", "chosen: stall at 6 A")
+    supply_voltage_v: Positive = known(11.76, "usable motor voltage", "V", "datasheet (ESCON: 0.98 Vcc), 12 V supply chosen")
+    drive_current_a: Positive = known(2.0, "continuous limit of the drive", "A", "datasheet (ESCON 24/2)")
+    command_bits: Annotated[int, Field(ge=0, le=24)] = known(
         12, "resolution of the torque set-point; 0: none", "bit", "datasheet (ESCON: 12-bit set-point)"
     )
-    drive_torque_noise_nm: NonNegative = _known(
+    drive_torque_noise_nm: NonNegative = known(
         2e-5, "standard deviation of a drive's torque error, anew each control tick", "N m", "chosen: about one set-point step"
     )
-    wheel_coulomb_nm: NonNegative = _known(1e-5, "dry friction of a wheel bearing", "N m", "chosen: small")
-    wheel_viscous_nms: NonNegative = _known(2e-7, "viscous friction of a wheel bearing", "N m s/rad", "chosen")
-    wheel_imbalance_um: NonNegative = _known(
+    wheel_coulomb_nm: NonNegative = known(1e-5, "dry friction of a wheel bearing", "N m", "chosen: small")
+    wheel_viscous_nms: NonNegative = known(2e-7, "viscous friction of a wheel bearing", "N m s/rad", "chosen")
+    wheel_imbalance_um: NonNegative = known(
         0.0,
         "offset of each rotor's centre of mass from its axis",
         "um",
         "chosen: balanced; 1 um x 75 g = 75 mg mm is a usual static imbalance",
     )
-    bearing_viscous_nms: NonNegative = _known(2e-5, "drag of the air film", "N m s/rad", "chosen: small")
-    air_torque_nm: NonNegative = _known(
+    bearing_viscous_nms: NonNegative = known(2e-5, "drag of the air film", "N m s/rad", "chosen: small")
+    air_torque_nm: NonNegative = known(
         1e-4,
         "standard deviation of the air flow's torque, each axis",
         "N m",
         "chosen: the paper's unmodelled 'small process noise'; 0.5 mrad/s a tick",
     )
-    air_torque_correlation_s: Positive = _known(0.2, "correlation time of that torque (first-order Gauss-Markov)", "s", "chosen")
-    gravity_m_s2: NonNegative = _known(9.80665, "standard gravity", "m/s2", "published (CGPM 1901)")
-    step_s: Positive = _known(0.01, "physics step (RK4)", "s", "chosen by measurement: docs/physics.md")
+    air_torque_correlation_s: Positive = known(0.2, "correlation time of that torque (first-order Gauss-Markov)", "s", "chosen")
+    gravity_m_s2: NonNegative = known(9.80665, "standard gravity", "m/s2", "published (CGPM 1901)")
+    step_s: Positive = known(0.01, "physics step (RK4)", "s", "chosen by measurement: docs/physics.md")
 
     @model_validator(mode="after")
     def _steps_resolve_imbalance(self) -> NacsParameters:
@@ -131,8 +129,10 @@ class NacsParameters(BaseModel):
         """Speed at which back-EMF has used up the supply voltage, rad/s."""
         return self.supply_voltage_v / self.motor_constant_nm_a
 
-    def process(self, coupled: bool = False, gyroscopic_sign: float = -1.0, wheel_drag: bool = False) -> WheeledBody:
-        """Analytic model with these parameters; runs the printed inertia too."""
+    def process(
+        self, coupled: bool = False, gyroscopic_sign: float = -1.0, wheel_drag: bool = False, fault: WheelFault | None = None
+    ) -> WheeledBody:
+        """Analytic model with these parameters, believing in a fault or none; runs the printed inertia too."""
         return WheeledBody(
             inertia=self.inertia,
             wheel_axes=self.wheel_axes,
@@ -141,25 +141,12 @@ class NacsParameters(BaseModel):
             gyroscopic_sign=gyroscopic_sign,
             wheel_coulomb=self.wheel_coulomb_nm if wheel_drag else 0.0,
             wheel_viscous=self.wheel_viscous_nms if wheel_drag else 0.0,
+            fault=fault,
         )
 
     def table(self) -> Iterator[tuple[str, str, str, str, str]]:
         """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        for name, info in type(self).model_fields.items():
-            extra = info.json_schema_extra
-            if isinstance(extra, dict):
-                yield name, str(getattr(self, name)), str(extra["unit"]), info.description or "", str(extra["provenance"])
-
-
-class ImpossibleInertia(ValueError):
-    """A tensor that no rigid body has."""
-
-
-class Prepared(NamedTuple):
-    """The testbed's specification with its parameters, not yet compiled."""
-
-    spec: mujoco.MjSpec
-    reassemble: Callable[[Array, Array], MassProperties]
+        return provenance.table(self)
 
 
 def prepare_nacs(parameters: NacsParameters) -> Prepared:

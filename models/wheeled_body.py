@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models import quaternion
 from models.process import Linearization
+from models.wheel_faults import WheelFault
 
 Array = NDArray[np.floating]
 
@@ -33,6 +34,7 @@ class WheeledBody:
       gyroscopic_sign: -1 by physics, +1 as eq. 24 is printed.
       wheel_coulomb: dry friction of a wheel's bearing, N m, smoothed over `DRAG_SMOOTHING`; the paper has none.
       wheel_viscous: viscous friction of a wheel's bearing, N m s/rad; the paper has none.
+      fault: what the motors make of their commands (Hill et al. 2021, eq. 12); None: as they are told.
     """
 
     inertia: Array
@@ -42,6 +44,7 @@ class WheeledBody:
     gyroscopic_sign: float = -1.0
     wheel_coulomb: float = 0.0
     wheel_viscous: float = 0.0
+    fault: WheelFault | None = None
 
     @property
     def size(self) -> int:
@@ -88,12 +91,13 @@ class WheeledBody:
         (Euler's theorem on homogeneous functions): one product with a constant tensor gives both.
         """
         jacobian = (self._curvature @ state[..., None]).reshape(*state.shape, self.size)
-        torque = command
-        if self.wheel_coulomb or self.wheel_viscous:
+        torque = command if self.fault is None else self.fault.act(command)
+        dragging = self.wheel_coulomb or self.wheel_viscous
+        if dragging:
             direction = np.tanh(state[..., 7:] / DRAG_SMOOTHING)
-            torque = command - self.wheel_coulomb * direction - self.wheel_viscous * state[..., 7:]
+            torque = torque - self.wheel_coulomb * direction - self.wheel_viscous * state[..., 7:]
         derivative = (jacobian @ (0.5 * state[..., None]) + self._input @ torque[..., None])[..., 0]
-        if torque is not command:
+        if dragging:
             slope = self.wheel_coulomb / DRAG_SMOOTHING * (1.0 - direction**2) + self.wheel_viscous
             jacobian[..., 7:] -= self._input * slope[..., None, :]
         return Linearization(derivative, jacobian)

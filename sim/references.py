@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from control.tracking import Target
 from models import quaternion
+from models.euler_angles import from_euler_313
 
 Array = NDArray[np.floating]
 
@@ -63,4 +64,29 @@ class Hold(BaseModel):
         return Target(q, nothing, nothing)
 
 
-ReferenceSettings = Annotated[Sinusoid | Hold, Field(discriminator="type")]
+class EulerRates(BaseModel):
+    """Steady precession and spin at constant nutation, 3-1-3 Euler angles (Hill et al. 2021, sec. IV: a probe's scan of the sky)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    type: Literal["euler-rates"]
+    nutation_deg: Annotated[float, Field(ge=0, le=180)] = Field(description="theta")
+    precession_rev_h: float = Field(description="rate of phi")
+    spin_rpm: float = Field(description="rate of psi")
+    start_deg: tuple[float, float] = Field((0.0, 0.0), description="phi and psi at t = 0")
+
+    def at(self, time: Array) -> Target:
+        """Target at `time` (...,) s; omega = dphi/dt R3(psi) R1(theta) e3 + dpsi/dt e3 (Markley & Crassidis 2014, ch. 3)."""
+        nutation, (precession_start, spin_start) = np.radians(self.nutation_deg), np.radians(self.start_deg)
+        precession_rate, spin_rate = 2.0 * np.pi * self.precession_rev_h / 3600.0, 2.0 * np.pi * self.spin_rpm / 60.0
+        spin = spin_start + spin_rate * time
+        still = np.full_like(spin, nutation)
+        angles = np.stack([precession_start + precession_rate * time, still, spin], axis=-1)
+        side = precession_rate * np.sin(nutation)
+        axial = np.full_like(spin, precession_rate * np.cos(nutation) + spin_rate)
+        omega = np.stack([side * np.sin(spin), side * np.cos(spin), axial], axis=-1)
+        alpha = side * spin_rate * np.stack([np.cos(spin), -np.sin(spin), np.zeros_like(spin)], axis=-1)
+        return Target(from_euler_313(angles), omega, alpha)
+
+
+ReferenceSettings = Annotated[Sinusoid | Hold | EulerRates, Field(discriminator="type")]

@@ -6,9 +6,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
-from models.assembly import Assembly
+from models.assembly import Assembly, ImpossibleInertia
 from models.inertia import tensor
-from models.nacs import BALANCE_MASSES, MJCF, WHEELS, ImpossibleInertia, NacsParameters, compile_nacs
+from models.nacs import BALANCE_MASSES, MJCF, WHEELS, NacsParameters, compile_nacs
 from models.quaternion import IDENTITY, angle, attitude_matrix, from_rotation_vector, normalize
 from sim.plant import Plant, SimulationFailed, diagnose
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models.nacs import ImpossibleInertia, NacsParameters, compile_nacs
+from models.assembly import ImpossibleInertia
+from models.nacs import NacsParameters, compile_nacs
 from models.process import predict, predict_euler, runge_kutta
 from models.quaternion import attitude_matrix, normalize
 from models.wheeled_body import DRAG_SMOOTHING, WheeledBody
