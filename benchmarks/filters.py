@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,38 +16,103 @@ from benchmarks.measure import cpu_seconds, interleave, one_core, ratio
 from benchmarks.peers.conversation import Arrays, Peer, PeerMissing
 from benchmarks.show import figure, table
 from estimation.extended_kalman import ExtendedFilter
+from estimation.interacting_multiple_model import InteractingMultipleModel
+from estimation.unscented import UnscentedFilter
 from models.nacs import NacsParameters
-from models.process import predict, runge_kutta
+from models.process import ProcessModel, predict, runge_kutta
 from models.quaternion import IDENTITY, normalize
-from sim.observers import Ekf, Models, ObserverSettings, build_filter
+from models.rigid_body import RigidBody
+from models.wheel_faults import WheelFault
+from models.wheeled_body import WheeledBody
+from sim.observer_settings import TUNINGS
 from sim.sensors import SensorSettings
 
 Array = NDArray[np.floating]
+Filter = ExtendedFilter | UnscentedFilter | InteractingMultipleModel
 
 ROUNDS = 5
 TICK_S = 0.1
 SIZES = {1: 200, 64: 100, 1000: 20}  # trials: ticks
 COMPARED = 3  # trials that everyone estimates
 PARAMETERS = NacsParameters()
-MODELS = Models(PARAMETERS.process(), PARAMETERS.process(wheel_drag=True))
+PLAIN = PARAMETERS.process()
+WITH_FRICTION = replace(PLAIN, wheel_coulomb=PARAMETERS.wheel_coulomb_nm)
 WHO = {"filterpy": "with_filterpy", "stonesoup": "with_stonesoup"}  # package: module that speaks for it
+ALPHA = 1.0  # spread of the sigma points, here and at the peers
+CHAIN = np.array([[0.98, 0.02], [0.02, 0.98]])
+
+
+def told(process: ProcessModel) -> dict[str, Any]:
+    """What a filter of eleven or seven states is told, with the noise of the paper."""
+    counts = [4, 3, 4] if isinstance(process, WheeledBody) else [4, 3]
+    q, r, _ = (np.repeat(values[: len(counts)], counts) for values in TUNINGS["paper"].scaled(SensorSettings()))
+    prior = np.concatenate([IDENTITY, np.zeros(sum(counts) - 4)])
+    return {
+        "process": process,
+        "process_noise": np.diag(q),
+        "measurement_noise": np.diag(r),
+        "prior": prior,
+        "prior_variance": np.ones(len(prior)),
+    }
+
+
+def rigid_body(*floating: int) -> RigidBody:
+    """Seven states, the wheel speeds being known; `floating` wheels have no power."""
+    axes = PARAMETERS.wheel_axes
+    return RigidBody(PARAMETERS.inertia, WheelFault.floating(4, *floating).on_body(axes).torque_map, axes * PARAMETERS.wheel_inertia_kg_m2)
+
+
+HEALTHY, FLOATING = rigid_body(), rigid_body(1)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of filter: its settings in the twin, if it has one, and what peers call it."""
+    """A kind of filter: the twin's, if it has one, what no such filter can save, and what peers call it."""
 
     name: str
-    twin: ObserverSettings | None
+    twin: Filter | None
+    model: Callable[[Array, Array], object]  # asked at every tick with readings and commands
     peers: dict[str, str]
 
 
-STANDARD = Ekf(type="ekf", tuning="paper")
+def linearized(*processes: ProcessModel) -> Callable[[Array, Array], object]:
+    """A Runge-Kutta step of the models and their transition matrices."""
+    return lambda state, command: [predict(process, state, command, TICK_S) for process in processes]
+
+
+def at_sigma_points(*processes: ProcessModel) -> Callable[[Array, Array], object]:
+    """Runge-Kutta steps of the models from 2 n + 1 states."""
+
+    def move(state: Array, command: Array) -> object:
+        points = np.repeat(state[..., None, :], 2 * state.shape[-1] + 1, axis=-2)
+        return [runge_kutta(process, points, command[..., None, :], TICK_S) for process in processes]
+
+    return move
+
+
+def interacting(*members: ExtendedFilter | UnscentedFilter) -> InteractingMultipleModel:
+    """Two modes, as the peers have them."""
+    return InteractingMultipleModel(members, CHAIN, np.array([0.5, 0.5]))
+
+
+STANDARD = ExtendedFilter(**told(PLAIN))
 KINDS = (
-    Kind("EKF-11", STANDARD, {"filterpy": "extended", "stonesoup": "extended"}),
-    Kind("UKF-11", None, {"filterpy": "unscented"}),
-    Kind("IMM of two EKF-11", None, {"filterpy": "interacting"}),
-    Kind("particle filter", None, {}),
+    Kind("EKF-11", STANDARD, linearized(PLAIN), {"filterpy": "extended", "stonesoup": "extended"}),
+    Kind("UKF-11", UnscentedFilter(**told(PLAIN), alpha=ALPHA), at_sigma_points(PLAIN), {"filterpy": "unscented"}),
+    Kind("UKF-7", UnscentedFilter(**told(HEALTHY), alpha=ALPHA), at_sigma_points(HEALTHY), {"filterpy": "unscented_7"}),
+    Kind(
+        "IMM of two EKF-11",
+        interacting(STANDARD, ExtendedFilter(**told(WITH_FRICTION))),
+        linearized(PLAIN, WITH_FRICTION),
+        {"filterpy": "interacting"},
+    ),
+    Kind(
+        "IMM of two UKF-7",
+        interacting(*(UnscentedFilter(**told(process), alpha=ALPHA) for process in (HEALTHY, FLOATING))),
+        at_sigma_points(HEALTHY, FLOATING),
+        {"filterpy": "interacting_7"},
+    ),
+    Kind("particle filter", None, linearized(), {}),
 )
 BLANK = ("",) * len(SIZES)
 
@@ -55,17 +121,19 @@ BLANK = ("",) * len(SIZES)
 class Log:
     """What a filter is told, tick by tick."""
 
-    commands: Array  # (ticks, trials, wheels) N m, from the tick before to this one
-    readings: Array  # (ticks, trials, 11)
+    commands: Array  # (ticks, trials, wheels) N m, from the tick before to this one, and what else is known
+    readings: Array  # (ticks, trials, n)
 
     def first(self, ticks: int, trials: int) -> Log:
         """The first ticks of the first trials."""
         return Log(self.commands[:ticks, :trials], self.readings[:ticks, :trials])
 
-
-def own(settings: ObserverSettings) -> ExtendedFilter:
-    """The twin's filter."""
-    return build_filter(settings, MODELS, SensorSettings(), PARAMETERS.wheel_axes.shape[1])
+    def for_states(self, size: int) -> Log:
+        """For filters of `size` states: those of seven know the wheels' speeds, as read at the tick before, by the command."""
+        if size == self.readings.shape[-1]:
+            return self
+        speeds = np.concatenate([self.readings[:1, :, 7:], self.readings[:-1, :, 7:]])
+        return Log(np.concatenate([self.commands, speeds], axis=-1), self.readings[..., :7])
 
 
 def log(noise: Array) -> Log:
@@ -76,12 +144,12 @@ def log(noise: Array) -> Log:
     spread = np.concatenate([np.zeros(4), np.full(3, 0.05), np.full(4, 50.0)])
     path = [np.concatenate([IDENTITY, np.zeros(7)]) + spread * random.normal(size=(trials, 11))]
     for command in commands[1:]:
-        moved = runge_kutta(MODELS.plain, path[-1], command, TICK_S)
+        moved = runge_kutta(PLAIN, path[-1], command, TICK_S)
         path.append(np.concatenate([normalize(moved[:, :4]), moved[:, 4:]], axis=-1))
     return Log(commands, np.array(path) + random.normal(size=(ticks, trials, 11)) @ np.sqrt(noise))
 
 
-def follow(filter_: ExtendedFilter, heard: Log) -> Array:
+def follow(filter_: Filter, heard: Log) -> Array:
     """The twin's estimates, (ticks, trials, n)."""
     belief = filter_.initial(heard.readings[0])
     means = [belief.mean]
@@ -91,13 +159,13 @@ def follow(filter_: ExtendedFilter, heard: Log) -> Array:
     return np.array(means)
 
 
-def evaluate(heard: Log) -> None:
-    """What no filter can save: a Runge-Kutta step of the model and its transition matrix at every tick."""
+def evaluate(model: Callable[[Array, Array], object], heard: Log) -> None:
+    """What no filter can save: the model, asked at every tick."""
     for command, reading in zip(heard.commands[1:], heard.readings[1:], strict=True):
-        predict(MODELS.plain, reading, command, TICK_S)
+        model(reading, command)
 
 
-def ask(peer: Peer, work: str, filter_: ExtendedFilter, heard: Log) -> Arrays:
+def ask(peer: Peer, work: str, noise: ExtendedFilter | UnscentedFilter, heard: Log) -> Arrays:
     """A peer's estimates and its seconds."""
     return peer.ask(
         work,
@@ -105,30 +173,36 @@ def ask(peer: Peer, work: str, filter_: ExtendedFilter, heard: Log) -> Arrays:
         wheel_axes=PARAMETERS.wheel_axes,
         wheel_inertia=PARAMETERS.wheel_inertia_kg_m2,
         wheel_coulomb=PARAMETERS.wheel_coulomb_nm,
-        Q=filter_.process_noise,
-        R=filter_.measurement_noise,
+        Q=noise.process_noise,
+        R=noise.measurement_noise,
         dt=TICK_S,
         commands=heard.commands,
         readings=heard.readings,
     )
 
 
-def single(peer: Peer, work: str, filter_: ExtendedFilter, heard: Log) -> float:
+def single(peer: Peer, work: str, noise: ExtendedFilter | UnscentedFilter, heard: Log) -> float:
     """The peer's seconds alone."""
-    return float(ask(peer, work, filter_, heard)["seconds"])
+    return float(ask(peer, work, noise, heard)["seconds"])
 
 
 def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tuple[str, ...]]:
     """Rows of one kind: the twin's filter, the model's share, and every peer."""
-    sizes = [everything.first(ticks, trials) for trials, ticks in SIZES.items()]
-    few = everything.first(max(SIZES.values()), COMPARED)
-    reference = own(kind.twin or STANDARD)
+    first = kind.twin.filters[0] if isinstance(kind.twin, InteractingMultipleModel) else kind.twin or STANDARD
+    assert isinstance(first, ExtendedFilter | UnscentedFilter)
+    heard = everything.for_states(len(first.prior))
+    sizes = [heard.first(ticks, trials) for trials, ticks in SIZES.items()]
+    few = heard.first(max(SIZES.values()), COMPARED)
     works = {package: work for package, work in kind.peers.items() if package in peers}
-    estimates = [ask(peers[package], work, reference, few)["means"] for package, work in works.items()]  # and warm up
-    contenders = [partial(single, peers[package], work, reference, sizes[0]) for package, work in works.items()]
+    estimates = [ask(peers[package], work, first, few)["means"] for package, work in works.items()]  # and warm up
+    contenders = [partial(single, peers[package], work, first, sizes[0]) for package, work in works.items()]
     if kind.twin:
-        means = follow(reference, few)
-        contenders += [partial(cpu_seconds, partial(work, heard)) for work in (partial(follow, reference), evaluate) for heard in sizes]
+        means = follow(kind.twin, few)
+        contenders += [
+            partial(cpu_seconds, partial(work, some))
+            for work in (partial(follow, kind.twin), partial(evaluate, kind.model))
+            for some in sizes
+        ]
     per_step = [1e6 / (trials * (ticks - 1)) for trials, ticks in SIZES.items()]
     taken = interleave(ROUNDS, contenders)
     theirs, ours, model = np.split(np.array(taken).reshape(-1, ROUNDS), [len(works), len(works) + len(sizes)])
@@ -143,13 +217,13 @@ def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tup
         yield f"{kind.name}, twin", "none yet", *BLANK[1:], *BLANK, ""
     for package, seconds, estimate in zip(works, theirs, estimates, strict=True):
         faster = [figure(ratio(seconds, one) * per_step[0] / scale) for one, scale in zip(ours, per_step, strict=False)] or BLANK
-        apart = f"{np.abs(estimate - means).max():.0e}" if kind.twin else ""
+        apart = f"{np.abs(estimate - means)[1:].max():.0e}" if kind.twin else ""  # all start from the first reading
         yield f"{kind.name}, {package} {peers[package].version}", *costs(seconds[None]), *BLANK[1:], *faster, apart
 
 
 def filters() -> None:
     """Print the table."""
-    everything = log(own(STANDARD).measurement_noise)
+    everything = log(STANDARD.measurement_noise)
     with one_core(), ExitStack() as stack:
         peers = {}
         for package, module in WHO.items():
@@ -166,7 +240,8 @@ def filters() -> None:
         f"CPU time on one core, medians of {ROUNDS} interleaved rounds. of N: a trial in a batch of N. x: the peer's step, always single, "
         "over the twin's. apart: greatest difference of any component of an estimate from the twin's, in "
         f"{COMPARED} trials of {max(SIZES.values())} ticks. Peers are given the twin's model, a Runge-Kutta step with its transition "
-        "matrix. none yet: the twin has no such filter so far; peers are timed alone.",
+        "matrix or at sigma points; UKF-7 knows the wheels' speeds, the second mode of its IMM has a floating wheel. none yet: the twin "
+        "has no such filter so far.",
     )
 
 

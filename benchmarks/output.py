@@ -30,7 +30,7 @@ def writers(scenario: Scenario, trials: int, folder: Path) -> dict[str, Callable
     system = build(scenario, np.arange(trials))
     recording, assembly, seed = run(system), system.plant.assembly, scenario.run.seed
     metrics = evaluate(recording, assembly)
-    feedback, settings = scenario.control.feedback, scenario.model_dump(mode="json", exclude_none=True)
+    feedback, settings = scenario.law.feedback, scenario.model_dump(mode="json", exclude_none=True)
     names = ("recording.rrd", "report.png", "trials.parquet", "summary.json")
     rrd, png, parquet, summary = (folder / name for name in names)
     return {

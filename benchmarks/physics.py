@@ -80,13 +80,13 @@ def tracking() -> Flight:
     changes = {f"plant.{key}": value for key, value in QUIET.items()} | {"start.wheel_speed_rad_s": (200, -200, -200, 200)}
     scenario = load("nacs/fault-free", changes | {"control.feedback": "truth"})
     channels = run(build(scenario, np.zeros(1, dtype=np.int64))).channels
-    body, tick = scenario.plant.process(coupled=True), scenario.run.tick_s
+    body, tick = scenario.testbed.process(coupled=True), scenario.run.tick_s
     start, torque = channels["truth/state"][0, 0], channels["applied"][:, 0]
     state = start
     for held in torque:
         leg = solve_ivp(lambda _, x, u: body.derivative(x, u), (0.0, tick), state, "DOP853", args=(held,), rtol=1e-12, atol=1e-13)
         state = leg.y[:, -1]
-    return Flight(scenario.plant, start, torque, tick, state)
+    return Flight(scenario.testbed, start, torque, tick, state)
 
 
 def hub_and_wheels(complete: Assembly, step_s: float) -> Assembly:

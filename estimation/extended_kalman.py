@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Belief, Detection, Innovation, innovate, joseph, symmetrize
+from estimation.gaussian import Belief, Detection, Innovation, first_belief, innovate, joseph, symmetrize
 from estimation.state_space import Additive, StateSpace
 from models.process import Prediction, ProcessModel, predict
 
@@ -69,17 +69,8 @@ class ExtendedFilter:
 
     def initial(self, measurement: Array) -> Belief:
         """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
-        lead = np.broadcast_shapes(measurement.shape[:-1], self.measurement_noise.shape[:-2])
-        seen = np.broadcast_to(measurement, (*lead, measurement.shape[-1]))
-        mean = np.where(np.isnan(seen), self.prior, seen)
-        zero = self.space.difference(seen, mean)  # NaN where missing, in error coordinates
-        missing = np.isnan(zero)
-        known = ~missing[..., :, None] & ~missing[..., None, :]
-        covariance = np.where(known, self.measurement_noise, 0.0) + (missing * self.prior_variance)[..., None] * np.eye(zero.shape[-1])
-        nothing = np.zeros(lead)
-        dof = np.sum(~missing, axis=-1, dtype=float)
-        unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
-        return Belief(mean, covariance, np.zeros(zero.shape), unknown, nothing, dof, self.gain.start(lead))
+        belief = first_belief(self.space, measurement, self.measurement_noise, self.prior, self.prior_variance)
+        return belief._replace(detection=self.gain.start(belief.nis.shape))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
         """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).

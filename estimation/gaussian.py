@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.state_space import StateSpace
+
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
@@ -14,11 +16,11 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
 class LostDefiniteness(ArithmeticError):
-    """An innovation covariance is no longer positive definite; `where` is the index of the first such matrix."""
+    """A covariance, most often an innovation's, is no longer positive definite; `where` is the index of the first such matrix."""
 
-    def __init__(self, where: tuple[int, ...]) -> None:
-        super().__init__(f"innovation covariance {where} is not positive definite")
-        self.where = where
+    def __init__(self, where: tuple[int, ...], what: str = "innovation covariance") -> None:
+        super().__init__(f"{what} {where} is not positive definite")
+        self.where, self.what = where, what
 
 
 class Detection(NamedTuple):
@@ -39,6 +41,15 @@ class Belief(NamedTuple):
     log_likelihood: Array  # (...,) of the reading given the ones before
     dof: Array  # (...,) components of the reading that were not missing
     detection: Detection
+    lost: Array | None = None  # (...,) covariances repaired so far because they had no Cholesky factor; None: the filter needs none
+    modes: Modes | None = None  # of a filter with several models
+
+
+class Modes(NamedTuple):
+    """What a filter with several models believes of each; the modes are one more batch axis, behind those of the trials."""
+
+    probabilities: Array  # (..., modes)
+    members: Belief  # means (..., modes, n), covariances (..., modes, e, e) and so on
 
 
 class Innovation(NamedTuple):
@@ -49,6 +60,34 @@ class Innovation(NamedTuple):
     nis: Array
     log_likelihood: Array
     dof: Array
+
+
+def first_belief(space: StateSpace, measurement: Array, noise: Array, prior: Array, prior_variance: Array) -> Belief:
+    """Where filters of a fully measured state begin: the first reading with its noise, and the prior for what it misses.
+
+    Args:
+      space: error coordinates of the state.
+      measurement: (..., n), NaN where missing.
+      noise: R in error coordinates, (..., e, e).
+      prior: state (..., n) for what is missing.
+      prior_variance: variance of that, in error coordinates, (..., e).
+    """
+    lead = np.broadcast_shapes(measurement.shape[:-1], noise.shape[:-2])
+    seen = np.broadcast_to(measurement, (*lead, measurement.shape[-1]))
+    mean = np.where(np.isnan(seen), prior, seen)
+    zero = space.difference(seen, mean)  # NaN where missing, in error coordinates
+    missing = np.isnan(zero)
+    known = ~missing[..., :, None] & ~missing[..., None, :]
+    covariance = np.where(known, noise, 0.0) + (missing * prior_variance)[..., None] * np.eye(zero.shape[-1])
+    nothing = np.zeros(lead)
+    dof = np.sum(~missing, axis=-1, dtype=float)
+    unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
+    return Belief(mean, covariance, np.zeros(zero.shape), unknown, nothing, dof, no_detection(nothing))
+
+
+def no_detection(statistic: Array) -> Detection:
+    """What a filter that declares no faults keeps: the statistic (...,) as it is."""
+    return Detection(statistic, np.zeros(statistic.shape, dtype=bool), (np.zeros((*statistic.shape, 0)),))
 
 
 def symmetrize(matrix: Array) -> Array:

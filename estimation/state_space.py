@@ -1,4 +1,4 @@
-"""How a filter measures errors of a state that contains a quaternion: by components, or by a small rotation."""
+"""How a filter measures errors of a state: by components, or its quaternion by a small rotation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.floating]
 
 
 class StateSpace(Protocol):
-    """Error coordinates of states [q, ...], for a covariance to live in; arrays have leading batch axes."""
+    """Error coordinates of states, for a covariance to live in; arrays have leading batch axes."""
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Coordinates of `state` as seen from `reference`; (..., n) to (..., e)."""
@@ -40,6 +40,26 @@ def _to_rotation(state: Array) -> Array:
     rest = np.arange(3, size - 1)
     out[..., rest, rest + 1] = 1.0
     return out
+
+
+class Euclidean:
+    """Errors of a plain vector, which holds no quaternion: differences."""
+
+    def difference(self, state: Array, reference: Array) -> Array:
+        """Component by component; (..., n)."""
+        return state - reference
+
+    def displace(self, reference: Array, error: Array) -> Array:
+        """Sum; (..., n)."""
+        return reference + error
+
+    def transition(self, transition: Array, before: Array, after: Array) -> Array:
+        """Unchanged; (..., n, n)."""
+        return transition
+
+    def reduce(self, mean: Array, covariance: Array) -> Array:
+        """Unchanged, since there is no attitude; (..., n, n)."""
+        return covariance
 
 
 class Additive:

@@ -1,0 +1,201 @@
+"""Particle filter: a belief of any shape as weighted states, moved by a model, weighed by readings, resampled when few of them count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import Detection, Modes, cholesky, first_belief, innovate, no_detection, symmetrize
+from estimation.proposals import Optimal, ProcessNoise, Proposal
+from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from estimation.state_space import Additive, StateSpace
+from models.process import ProcessModel, runge_kutta
+
+Array = NDArray[np.floating]
+
+
+class Draws(NamedTuple):
+    """Random numbers of one step; leading axes: those of the belief, or broadcast to them."""
+
+    normals: Array  # (..., particles, e) standard normal
+    uniforms: Array  # (..., particles) in [0, 1), for resampling
+    jitter: Array | None = None  # (..., particles, e) standard normal, for roughening; not needed without
+
+
+class ParticleBelief(NamedTuple):
+    """What a particle filter believes after a reading: the parts of a Gaussian filter's `Belief`, and the particles themselves."""
+
+    mean: Array  # (..., n)
+    covariance: Array  # (..., e, e) of the state space's error coordinates
+    innovation: Array  # (..., e) reading minus prediction of them all; zero where missing
+    nis: Array  # (...,) of that, by the covariance of the prediction
+    log_likelihood: Array  # (...,) of the reading given the ones before
+    dof: Array  # (...,) components of the reading that were not missing
+    detection: Detection
+    particles: Array  # (..., particles, n)
+    log_weights: Array  # (..., particles), normalised
+    ess: Array  # (...,) effective number of particles
+    elapsed: Array  # (...,) s since the first reading
+    lost: Array | None = None  # as in `Belief`: never any
+    modes: Modes | None = None
+
+
+class _Signed(Additive):
+    """Errors by components of quaternions whose sign is taken as it is."""
+
+    def difference(self, state: Array, reference: Array) -> Array:
+        """Component by component; (..., n)."""
+        return state - reference
+
+
+@dataclass(frozen=True, eq=False)
+class ParticleFilter:
+    """Sequential importance resampling of a state read with NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
+
+    All but the particles' motion is reckoned in error coordinates as seen from the heaviest of them. That is exact for `Euclidean` and
+    `Additive` ones, where the estimate is the weighted mean of quaternions of one sign, scaled to unit length, which to second order in
+    their spread is the average of Markley et al. (2007); for `Multiplicative` ones it errs in second order of the spread.
+
+    It holds no random numbers: every step is given its own, so that a trial depends on nothing but its numbers. Particles whose
+    effective number fell below the threshold are resampled before they are moved, after they have been used for the estimate, and only in
+    the trials where it did. A wholly missing reading predicts only.
+
+    Attributes:
+      process: model dx/dt = f(x, u) of the state, (..., n).
+      process_noise: of one step.
+      measurement_noise: R in error coordinates, (..., e, e).
+      prior: state (n,) that fills what the first reading misses.
+      prior_variance: variance of that, in error coordinates, (e,).
+      particles: how many.
+      proposal: importance density.
+      resampling: scheme.
+      threshold: effective share of the particles below which they are resampled.
+      roughening: K of Gordon, Salmond & Smith (1993, sec. 3): after resampling each error coordinate is jittered with the deviation
+        K (range of the copies) particles^(-1/e); 0: not at all.
+      measured: "quaternion" takes all that is read. "vector" forgets the reading's fourth component as the thesis does (eq. 3.11), begins
+        with a positive one and takes q and -q for two states; the state's mirror image then explains a reading as well as the state.
+      space: error coordinates of the state.
+      integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
+    """
+
+    process: ProcessModel
+    process_noise: ProcessNoise
+    measurement_noise: Array
+    prior: Array
+    prior_variance: Array
+    particles: int = 100
+    proposal: Proposal = field(default_factory=Optimal)
+    resampling: Resampling = systematic
+    threshold: float = 0.5
+    roughening: float = 0.0
+    measured: Literal["quaternion", "vector"] = "quaternion"
+    space: StateSpace = field(default_factory=Additive)
+    integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+
+    def __post_init__(self) -> None:
+        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
+            settings = f"particles = {self.particles}, threshold = {self.threshold:g}, roughening = {self.roughening:g}"
+            raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
+        if self.measured == "vector" and not isinstance(self.space, Additive):
+            raise ValueError('measured = "vector" needs Additive coordinates: a vector part alone is no rotation')
+
+    @cached_property
+    def _space(self) -> StateSpace:
+        return _Signed() if self.measured == "vector" else self.space
+
+    @property
+    def size(self) -> int:
+        """Error coordinates e of the state: random numbers a particle and step."""
+        return int(self.measurement_noise.shape[-1])
+
+    def initial(self, measurement: Array, draws: Draws) -> ParticleBelief:
+        """Start around the first reading (..., n) with its noise; what it misses comes from the prior."""
+        seen = np.array(measurement, dtype=float)
+        if self.measured == "vector":
+            seen[..., 3] = np.sqrt(np.maximum(0.0, 1.0 - np.sum(seen[..., :3] ** 2, axis=-1)))  # "computed from the constraint"
+        first = first_belief(self._space, seen, self.measurement_noise, self.prior, self.prior_variance)
+        errors = draws.normals @ cholesky(first.covariance).swapaxes(-1, -2)
+        lead = first.nis.shape
+        log_weights = np.full((*lead, self.particles), -np.log(self.particles))
+        particles = self._space.displace(first.mean[..., None, :], errors)
+        ess = np.full(lead, float(self.particles))
+        return ParticleBelief(*first[:7], particles, log_weights, ess, np.zeros(lead))
+
+    def step(self, belief: ParticleBelief, command: Array, measurement: Array, dt: float, draws: Draws) -> ParticleBelief:
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+
+        Raises:
+          LostDefiniteness: the innovation covariance is not positive definite.
+        """
+        particles, log_weights = self._resample(belief, draws)
+        particles = self.integrate(self.process, particles, command[..., None, :], dt)
+        heaviest = np.argmax(log_weights, axis=-1)[..., None, None]
+        centre = np.take_along_axis(particles, heaviest, axis=-2)
+        errors = self._space.difference(particles, centre)
+        centre = centre[..., 0, :]
+        reading = self._space.difference(self._masked(measurement), centre)
+
+        root = self.process_noise.root(belief.mean, belief.elapsed)
+        mean, covariance = moments(np.exp(log_weights), errors)
+        innovation = innovate(covariance + root @ root.swapaxes(-1, -2), reading - mean, self.measurement_noise)
+
+        errors, gained = self.proposal.propose(errors, reading, root, self.measurement_noise, draws.normals)
+        log_weights, log_likelihood = normalize(log_weights + gained)
+        mean, covariance = moments(np.exp(log_weights), errors)
+        return ParticleBelief(
+            mean=self._space.displace(centre, mean),
+            covariance=covariance,
+            innovation=innovation.residual,
+            nis=innovation.nis,
+            log_likelihood=log_likelihood,
+            dof=innovation.dof,
+            detection=no_detection(innovation.nis),
+            particles=self._space.displace(centre[..., None, :], errors),
+            log_weights=log_weights,
+            ess=effective_sample_size(log_weights),
+            elapsed=belief.elapsed + dt,
+        )
+
+    def _masked(self, measurement: Array) -> Array:
+        """What is taken of a reading (..., n), NaN elsewhere."""
+        if self.measured == "quaternion":
+            return measurement
+        seen = np.array(measurement, dtype=float)
+        seen[..., 3] = np.nan
+        return seen
+
+    def _resample(self, belief: ParticleBelief, draws: Draws) -> tuple[Array, Array]:
+        """Particles and log weights, resampled in those trials where too few count."""
+        few = belief.ess < self.threshold * self.particles
+        if not few.any():
+            return belief.particles, belief.log_weights
+        shape = belief.log_weights.shape
+        chosen = np.broadcast_to(np.arange(self.particles), shape).copy()
+        chosen[few] = self.resampling(np.exp(belief.log_weights[few]), np.broadcast_to(draws.uniforms, shape)[few])
+        first = self.particles * np.arange(belief.ess.size).reshape(*belief.ess.shape, 1)
+        copies = belief.particles.reshape(-1, belief.particles.shape[-1]).take(first + chosen, axis=0)
+        if self.roughening:
+            copies[few] = self._roughen(copies[few], belief.mean[few], draws.jitter, few)
+        return copies, np.where(few[..., None], -np.log(self.particles), belief.log_weights)
+
+    def _roughen(self, copies: Array, mean: Array, jitter: Array | None, few: NDArray[np.bool_]) -> Array:
+        """Copies (resampled trials, particles, n) moved apart a little, since the model would keep them together."""
+        if jitter is None:
+            raise ValueError("roughening needs normal numbers of its own: Draws.jitter")
+        errors = self._space.difference(copies, mean[..., None, :])
+        width = self.roughening * self.particles ** (-1.0 / self.size) * np.ptp(errors, axis=-2, keepdims=True)
+        normals = np.broadcast_to(jitter, (*few.shape, *jitter.shape[-2:]))[few]
+        return self._space.displace(mean[..., None, :], errors + width * normals)
+
+
+def moments(weights: Array, errors: Array) -> tuple[Array, Array]:
+    """Mean (..., e) and covariance (..., e, e) of errors (..., particles, e) by weights (..., particles) that sum to one."""
+    mean = (weights[..., None, :] @ errors)[..., 0, :]
+    apart = errors - mean[..., None, :]
+    apart *= np.sqrt(weights)[..., None]
+    return mean, symmetrize(apart.swapaxes(-1, -2) @ apart)

@@ -1,0 +1,146 @@
+"""Where a particle filter looks for the next state: importance densities, and the process noise that they spread particles by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
+
+Array = NDArray[np.floating]
+
+
+class ProcessNoise(Protocol):
+    """What a model leaves out in one step."""
+
+    def root(self, mean: Array, elapsed: Array) -> Array:
+        """L with L L' = Q of the next step, (..., e, e), of the estimate (..., n) and the time since the first reading, (...,) s."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantNoise:
+    """The same Q at every step.
+
+    Attributes:
+      matrix: L with L L' = Q, (..., e, e).
+    """
+
+    matrix: Array
+
+    @classmethod
+    def of(cls, covariance: Array) -> ConstantNoise:
+        """By covariance Q, (..., e, e), which may be singular."""
+        values, vectors = np.linalg.eigh(covariance)
+        return cls(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+
+    def root(self, mean: Array, elapsed: Array) -> Array:
+        """The matrix as it is."""
+        return self.matrix
+
+
+@dataclass(frozen=True)
+class MatchedNoise:
+    """Noise of the rates as large as what a wrong inertia does: it grows with their square, which nobody knows in the beginning.
+
+    A step's deviation of each rate is hypot(floor, slope max(|omega|^2, (1 rad/s)^2 e^(-t / fade_s))), of each other error coordinate
+    `attitude`. That one is no less than the reading's deviation, or the optimal density has nothing to move towards the reading.
+
+    Attributes:
+      attitude: of each coordinate of the quaternion, a step.
+      floor: rad/s a step.
+      slope: s, a step.
+      fade_s: how long the first estimate of the rates is not believed, s.
+    """
+
+    attitude: float = 1e-4
+    floor: float = 2e-3
+    slope: float = 1e-2
+    fade_s: float = 1.0
+
+    def root(self, mean: Array, elapsed: Array) -> Array:
+        """Diagonal L of the Additive state [q, omega], (..., 7, 7)."""
+        square = np.maximum(np.sum(mean[..., 4:] ** 2, axis=-1), np.exp(-elapsed / self.fade_s))
+        deviation = np.empty(mean.shape)
+        deviation[..., :4] = self.attitude
+        deviation[..., 4:] = np.hypot(self.floor, self.slope * square)[..., None]
+        return deviation[..., None] * np.eye(mean.shape[-1])
+
+
+class Proposal(Protocol):
+    """An importance density of particles that a model has moved; all in error coordinates as seen from one state near them."""
+
+    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+        """Draw particles and weigh them.
+
+        Args:
+          errors: of the particles before process noise, (..., particles, e).
+          reading: (..., e), NaN where missing.
+          root: L with L L' = Q, (..., e, e).
+          noise: R, (..., e, e), block diagonal between components that can go missing apart from each other.
+          normals: standard normal numbers, (..., particles, e).
+
+        Returns:
+          Errors of the particles, (..., particles, e), and what is added to their log weights, (..., particles).
+        """
+        ...
+
+
+class Bootstrap:
+    """The transition density p(x_k | x_k-1) (Gordon, Salmond & Smith 1993; Rososhansky 2017, sec. 3.3): the reading only weighs.
+
+    Where a reading is much better than a prediction, nearly all particles are drawn where it leaves no weight.
+    """
+
+    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+        """Spread by the process noise, then weigh by p(z_k | x_k)."""
+        moved = normals @ root.swapaxes(-1, -2) + errors
+        whitening, constant = _whitening(noise, ~np.isnan(reading))
+        return moved, _log_density(_innovations(moved, reading), whitening, constant)
+
+
+class Optimal:
+    """The density of least weight variance, p(x_k | x_k-1, z_k), with weights p(z_k | x_k-1) (Doucet, Godsill & Andrieu 2000, sec. II-D).
+
+    In closed form, since the reading is linear in the error: with S = Q + R of what is read the mean moves by Q S^-1 times the
+    innovation, and the covariance is Q - Q S^-1 Q = L (I + L' R^-1 L)^-1 L'.
+    """
+
+    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+        """Weigh by p(z_k | x_k-1), then move towards the reading and spread by what is left of the process noise."""
+        seen = ~np.isnan(reading)
+        covariance = root @ root.swapaxes(-1, -2)
+        whitening, constant = _whitening(covariance + noise, seen)
+        innovations = _innovations(errors, reading)
+        weights = _log_density(innovations, whitening, constant)
+        gain = covariance @ whitening.swapaxes(-1, -2) @ whitening
+        inner = _whitening(noise, seen)[0] @ root
+        left = cholesky(symmetrize(np.eye(root.shape[-1]) + inner.swapaxes(-1, -2) @ inner))  # inverse square root times L: what is left
+        return normals @ np.linalg.solve(left, root.swapaxes(-1, -2)) + errors + innovations @ gain.swapaxes(-1, -2), weights
+
+
+PROPOSALS: dict[str, Proposal] = {"bootstrap": Bootstrap(), "optimal": Optimal()}
+
+
+def _innovations(errors: Array, reading: Array) -> Array:
+    """Reading minus particle, (..., particles, e); finite where the reading is missing, to be whitened to zero."""
+    return np.nan_to_num(reading, nan=0.0)[..., None, :] - errors
+
+
+def _whitening(covariance: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """W with W' W = S^-1 on what is seen, zero elsewhere, (..., e, e), and the log of the density's factor, (...)."""
+    size = covariance.shape[-1]
+    both = seen[..., :, None] & seen[..., None, :]
+    root = cholesky(np.where(both, covariance, np.eye(size)))
+    whitening = np.linalg.solve(root, seen[..., None] * np.eye(size))
+    log_det = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
+    return whitening, -0.5 * (log_det + np.sum(seen, axis=-1) * LOG_TWO_PI)
+
+
+def _log_density(innovations: Array, whitening: Array, constant: Array) -> Array:
+    """Log of the normal density of innovations (..., particles, e); (..., particles)."""
+    white = innovations @ whitening.swapaxes(-1, -2)
+    return constant[..., None] - 0.5 * np.einsum("...i,...i->...", white, white)

@@ -1,0 +1,112 @@
+"""Unscented Kalman filter of a fully measured state: the model is asked at sigma points instead of for its Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import Belief, first_belief, innovate, joseph, no_detection
+from estimation.sigma_points import SigmaPoints, factor
+from estimation.state_space import Additive, StateSpace
+from models.process import ProcessModel, runge_kutta
+
+Array = NDArray[np.floating]
+
+
+def euler(process: ProcessModel, state: Array, command: Array, dt: float) -> Array:
+    """State (..., n) after one explicit Euler step (Hill et al. 2021, eq. 8)."""
+    return state + dt * process.derivative(state, command)
+
+
+class Predicted(NamedTuple):
+    """A belief before its reading."""
+
+    mean: Array  # (..., n)
+    covariance: Array  # (..., e, e)
+    lost: Array  # (...,) 1 where the covariance before had to be repaired
+
+
+@dataclass(frozen=True, eq=False)
+class UnscentedFilter:
+    """Predict with sigma points, correct with a reading of the whole state (Julier & Uhlmann 2004; Wan & van der Merwe 2000).
+
+    With `Additive` coordinates the quaternion is treated by components as in Hill et al. (2021), whose state is [q, omega]: every sigma
+    point and every mean is scaled to unit length, readings of either sign are aligned. With `Multiplicative` ones this is the filter of
+    Crassidis & Markley (2003), attitude errors being seen from the central sigma point, but for two things: the error is a rotation
+    vector instead of generalised Rodrigues parameters (equal to second order for their f = 2 (a + 1)), and Q is added once, after the
+    prediction, instead of half before and half after. The reading is the whole state, so the correction is linear and Kalman's is exact:
+    points need not be redrawn with Q in them.
+
+    Missing components of a reading are NaN: a wholly missing reading predicts only. A covariance without a Cholesky factor is repaired
+    in its trial alone and counted in `Belief.lost`.
+
+    Attributes:
+      process: model dx/dt = f(x, u) of the state, (..., n).
+      process_noise: Q of one step in error coordinates, (..., e, e).
+      measurement_noise: R in error coordinates, (..., e, e).
+      prior: state (n,) that fills what the first reading misses.
+      prior_variance: variance of that, in error coordinates, (e,).
+      space: error coordinates of the state.
+      alpha: spread of the sigma points.
+      beta: what is known of the fourth moment; 2 for a Gaussian.
+      kappa: secondary spread.
+      integrate: discretisation, `process.runge_kutta` or `euler`.
+    """
+
+    process: ProcessModel
+    process_noise: Array
+    measurement_noise: Array
+    prior: Array
+    prior_variance: Array
+    space: StateSpace = field(default_factory=Additive)
+    alpha: float = 0.1
+    beta: float = 2.0
+    kappa: float = 0.0
+    integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+
+    def __post_init__(self) -> None:
+        _ = self.points  # so that bad settings are refused here
+
+    @cached_property
+    def points(self) -> SigmaPoints:
+        """How sigma points are drawn."""
+        return SigmaPoints(self.alpha, self.beta, self.kappa)
+
+    def initial(self, measurement: Array) -> Belief:
+        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
+        belief = first_belief(self.space, measurement, self.measurement_noise, self.prior, self.prior_variance)
+        return belief._replace(lost=np.zeros(belief.nis.shape))
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+
+        Raises:
+          LostDefiniteness: the innovation covariance is not positive definite.
+        """
+        predicted = self._predict(belief, command, dt)
+        innovation = innovate(predicted.covariance, self.space.difference(measurement, predicted.mean), self.measurement_noise)
+        correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
+        return Belief(
+            mean=self.space.displace(predicted.mean, correction),
+            covariance=joseph(predicted.covariance, innovation.gain, self.measurement_noise),
+            innovation=innovation.residual,
+            nis=innovation.nis,
+            log_likelihood=innovation.log_likelihood,
+            dof=innovation.dof,
+            detection=no_detection(innovation.nis),
+            lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
+        )
+
+    def _predict(self, belief: Belief, command: Array, dt: float) -> Predicted:
+        """Mean and covariance after `dt` seconds, before the reading."""
+        root, lost = factor(belief.covariance)
+        before = self.space.displace(belief.mean[..., None, :], self.points.offsets(root))
+        after = self.integrate(self.process, before, command[..., None, :], dt)
+        centre = after[..., 0, :]
+        mean, covariance = self.points.moments(self.space.difference(after[..., 1:, :], centre[..., None, :]))
+        return Predicted(self.space.displace(centre, mean), covariance + self.process_noise, lost)
