@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,48 @@ class Target(NamedTuple):
     alpha_DN_D: Array  # (..., 3) rad/s2
 
 
+@runtime_checkable
 class Controller(Protocol):
     """A control law: frozen settings and one method."""
 
     def step(self, estimate: Estimate, target: Target) -> Array:
         """Torque on the body, (..., 3) N m in B."""
         ...
+
+
+class Decision(NamedTuple):
+    """What a law with a memory decides at a tick."""
+
+    torque_B: Array  # (..., 3) N m in B
+    memory: Any  # after it
+    notes: dict[str, Array]  # what is worth recording besides
+
+
+@runtime_checkable
+class RememberingController(Protocol):
+    """A control law that learns: its memory is handed in and out."""
+
+    def start(self, estimate: Estimate) -> Any:
+        """Memory before the first tick, whose estimate it is."""
+        ...
+
+    def decide(self, estimate: Estimate, target: Target, memory: Any) -> Decision:
+        """Torque on the body, and what is remembered."""
+        ...
+
+
+@dataclass(frozen=True)
+class Memoryless:
+    """A law without memory where one with a memory is expected."""
+
+    law: Controller
+
+    def start(self, estimate: Estimate) -> None:
+        """Nothing."""
+
+    def decide(self, estimate: Estimate, target: Target, memory: Any) -> Decision:
+        """The law's torque."""
+        return Decision(self.law.step(estimate, target), memory, {})
 
 
 class TrackingError(NamedTuple):

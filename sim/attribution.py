@@ -76,7 +76,7 @@ def size_deg(vectors: Array) -> Array:
 
 def present(flight: Flight, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     """Those effects that the scenario's plant has."""
-    plant = flight.scenario.plant
+    plant = flight.scenario.testbed
     return tuple(
         effect
         for effect in effects

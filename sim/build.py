@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from control.allocation import PseudoInverseAllocation
-from control.proportional_derivative import ProportionalDerivative
 from control.tracking import Target
 from models import quaternion
 from models.assembly import Assembly
-from models.nacs import BALANCE_MASSES, compile_nacs
+from models.euler_angles import from_euler_313
+from models.nacs import BALANCE_MASSES, NacsParameters
+from models.wheel_faults import WheelFault
 from sim import randomness
 from sim.faults import schedule
 from sim.guests import Guests
 from sim.loop import System
+from sim.observer_settings import Imm
 from sim.observers import Models, build_banks
 from sim.plant import Plant
+from sim.plants import compile_plant
 from sim.randomness import Stream
 from sim.scenario import Scenario
 from sim.sensors import SensorArrays, Sensors, draw_noise
@@ -26,7 +28,7 @@ Array = NDArray[np.floating]
 
 
 def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None = None, variants: Variants | None = None) -> System:
-    """All parts of the loop for the given trial numbers; trial i is the same in any company.
+    """All parts of the one loop of a scenario for the given trial numbers; trial i is the same in any company.
 
     Args:
       scenario: what is simulated, and what filters and controllers believe.
@@ -35,49 +37,74 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
       variants: plant, sensors, faults and start of each trial where they differ.
     """
     guests, variants = guests or Guests(), variants or Variants.alike(scenario, len(trials))
-    run, parameters = scenario.run, scenario.plant
-    assembly = compile_nacs(parameters)
+    run, parameters, law = scenario.run, scenario.plant, scenario.law
+    assembly = compile_plant(parameters)
     wheels = len(assembly.wheel_joints)
-    models = Models(plain=parameters.process(), with_drag=parameters.process(wheel_drag=True))
+    models = Models.of(parameters)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
     sensors = SensorArrays.of(variants.sensors)
     faults = schedule(variants.faults, run.seed, trials, run.ticks, run.tick_s, wheels)
-    bits = parameters.command_bits
+    observer = scenario.observers.get(law.feedback)
+    modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
     return System(
         plant=_plant(assembly, scenario, variants, trials, target),
         sensors=Sensors(sensors, draw_noise(sensors, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s),
         faults=faults,
-        disturbance_B=randomness.gauss_markov(
-            randomness.normals(run.seed, trials, Stream.AIR, run.ticks, 3),
-            variants.plant_values("air_torque_nm")[:, None],
-            variants.plant_values("air_torque_correlation_s")[:, None],
-            run.tick_s,
-        ),
-        drive_noise=variants.plant_values("drive_torque_noise_nm")[:, None]
-        * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels),
+        disturbance_B=_air(scenario, variants, trials),
+        drive_noise=_drive_noise(scenario, variants, trials, wheels),
         target=target,
         banks=build_banks(scenario.observers, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors, wheels),
-        controller=guests.control(models, scenario.sensors, wheels)
-        or ProportionalDerivative(scenario.control.proportional_nm, scenario.control.derivative_nms),
-        allocation=PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit),
-        feedback=scenario.control.feedback,
-        command_step_nm=2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0,
+        controller=guests.control(models, scenario.sensors, wheels) or law.controller(assembly, run.tick_s),
+        allocation=law.allocator(assembly, modes),
+        feedback=law.feedback,
+        command_step_nm=_command_step(scenario, assembly),
         trials=trials,
         ticks=run.ticks,
         dt=run.tick_s,
     )
 
 
+def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> Array:
+    """Torque of the air flow round a testbed, (ticks, trials, 3) N m in B."""
+    run = scenario.run
+    if not isinstance(scenario.plant, NacsParameters):
+        return np.zeros((run.ticks, len(trials), 3))
+    return randomness.gauss_markov(
+        randomness.normals(run.seed, trials, Stream.AIR, run.ticks, 3),
+        variants.plant_values("air_torque_nm")[:, None],
+        variants.plant_values("air_torque_correlation_s")[:, None],
+        run.tick_s,
+    )
+
+
+def _drive_noise(scenario: Scenario, variants: Variants, trials: NDArray[np.int64], wheels: int) -> Array:
+    """Torque errors of a testbed's drives, (ticks, trials, wheels) N m."""
+    run = scenario.run
+    if not isinstance(scenario.plant, NacsParameters):
+        return np.zeros((run.ticks, len(trials), wheels))
+    return variants.plant_values("drive_torque_noise_nm")[:, None] * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels)
+
+
+def _command_step(scenario: Scenario, assembly: Assembly) -> float:
+    """Least step of the torque set-point, N m; 0: none."""
+    bits = scenario.plant.command_bits if isinstance(scenario.plant, NacsParameters) else 0
+    return 2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0
+
+
 def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: NDArray[np.int64], target: Target) -> Plant:
-    """The plant at the start: each trial's own, at the reference's attitude but for a small turn, at rest."""
+    """The plant at the start: each trial's own, near the attitude that is given or the reference's."""
     plant = Plant(assembly, len(trials))
     dispersion = variants.dispersion(scenario.plant)
     if dispersion is not None:
         plant.disperse(dispersion)
     spread = np.radians([[start.attitude_error_deg] for start in variants.starts])
     turn = spread * randomness.normals(scenario.run.seed, trials, Stream.START, 1, 3)[0]
-    attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), target.q_DN[0])
-    plant.start(attitude, np.zeros(3), np.array([start.wheel_speed_rad_s for start in variants.starts]))
-    for name, position in zip(BALANCE_MASSES, 1e-3 * variants.plant_values("balance_position_mm").T, strict=True):
-        plant.hold(name, position)
+    chosen = [start.euler_313_deg for start in variants.starts]
+    near = np.stack([target.q_DN[0] if angles is None else from_euler_313(np.radians(angles)) for angles in chosen])
+    attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), near)
+    rate = np.radians([start.rate_deg_s for start in variants.starts])
+    plant.start(attitude, rate, np.array([start.wheel_speed_rad_s for start in variants.starts]))
+    if isinstance(scenario.plant, NacsParameters):
+        for name, position in zip(BALANCE_MASSES, 1e-3 * variants.plant_values("balance_position_mm").T, strict=True):
+            plant.hold(name, position)
     return plant

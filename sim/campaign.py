@@ -16,10 +16,12 @@ from scipy.stats import qmc
 from models.inertia import why_impossible
 from models.nacs import INERTIA_SETS, prepare_nacs
 from sim import scenario as scenarios
+from sim.complaints import first_complaint
 from sim.draws import Number
 from sim.faults import Fault
+from sim.plants import NacsPlant
 from sim.randomness import Stream, generator
-from sim.scenario import BadInput, NacsPlant, Scenario, StartSettings
+from sim.scenario import BadInput, Scenario, StartSettings
 from sim.sensors import SensorSettings
 from sim.variants import DISPERSIBLE, Variants
 
@@ -103,12 +105,14 @@ def load(path: Path) -> Campaign:
     try:
         campaign = Campaign.model_validate(data)
     except ValidationError as invalid:
-        raise BadInput(f"{path}: {scenarios.first_complaint(invalid, data)}") from None
+        raise BadInput(f"{path}: {first_complaint(invalid, data, Scenario)}") from None
     for point in range(len(campaign.points)):
         try:
             base = campaign.at(point)
         except BadInput as wrong:
             raise BadInput(f"{path}: {wrong}") from None
+        if not isinstance(base.plant, NacsPlant) or base.loops:
+            raise BadInput(f"{path}: scenario = {campaign.scenario!r}: a campaign needs a testbed (plant.type = 'nacs') with one [control]")
         _check_dispersion(campaign, base, path)
     return campaign
 
@@ -132,6 +136,7 @@ def draw(campaign: Campaign, base: Scenario, trials: NDArray[np.int64]) -> Drawn
     Raises:
       BadInput: a draw is impossible and the file says refuse, or a hundred draws in a row were.
     """
+    assert isinstance(base.plant, NacsPlant)
     sections = _sections(base)
     reassemble = prepare_nacs(base.plant).reassemble
     parts, values, redrawn = [], [], []
@@ -192,7 +197,7 @@ def _variant(base: Scenario, sections: dict[str, Any], picked: dict[str, float])
             node = node[int(part)] if isinstance(node, list) else node[part]
         node[int(last) if isinstance(node, list) else last] = value
     return (
-        NacsPlant.model_validate(data["plant"]) if "plant" in data else base.plant,
+        NacsPlant.model_validate(data.get("plant", base.plant)),
         SensorSettings.model_validate(data["sensors"]) if "sensors" in data else base.sensors,
         _FAULTS.validate_python(data["faults"]) if "faults" in data else base.faults,
         StartSettings.model_validate(data["start"]) if "start" in data else base.start,

@@ -43,7 +43,7 @@ def crosscheck(
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     loaded = load(name, trials, seed, overrides)
     family = family_of(loaded)
-    chosen = choose_model(family, model, loaded.plant)
+    chosen = choose_model(family, model, loaded.testbed)
     wanted = thresholds(loaded, limits or [])
     instants = _instants(loaded, at)
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
@@ -101,4 +101,6 @@ def _write(target: Path, name: str, loaded: Scenario, found: CrossCheck, wall: f
         model=found.model.name, thresholds=found.thresholds, passed=found.passed,
     )  # fmt: skip
     write_picture(target / "crosscheck.png", name, found)
-    write_crosscheck(target / "crosscheck.rrd", name, found, compile_nacs(loaded.plant), loaded.model_dump(mode="json", exclude_none=True))
+    write_crosscheck(
+        target / "crosscheck.rrd", name, found, compile_nacs(loaded.testbed), loaded.model_dump(mode="json", exclude_none=True)
+    )

@@ -100,7 +100,7 @@ def _evaluate(replayed: list[Replayed], scenario: Scenario) -> list[Metric]:
     from sim.replay import judge
     from sim.shards import Shard, join
 
-    assembly, shards = compile_nacs(scenario.plant), []
+    assembly, shards = compile_nacs(scenario.testbed), []
     for one in replayed:
         recording, trials = one.recording, one.recording.trials
         metrics = [metric for metric in evaluate(recording, assembly) if metric.subject != "loop"]
@@ -110,7 +110,7 @@ def _evaluate(replayed: list[Replayed], scenario: Scenario) -> list[Metric]:
             if recording.thresholds[name] is not None:
                 extra["declared_fraction"] = np.mean(recording.channels[f"{name}/declared"], axis=0)
             metrics += [Metric(name, metric, "all", "1", values) for metric, values in extra.items()]
-        shards.append(Shard(trials, metrics, None))
+        shards.append(Shard(trials, metrics, {}))
     return join(shards)[1]
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from models.nacs import compile_nacs
 from sim import campaign as campaigns
 from sim import tables
 from sim.build import build
 from sim.campaign import Campaign
 from sim.guests import Guests
 from sim.metrics import Metric
+from sim.plants import compile_plant
 from sim.recording import Recorder, Recording
 from sim.results import rows, write_summary, write_trials
 from sim.scenario import BadInput, Scenario
@@ -70,29 +70,33 @@ def run(
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     if export_log and not record_trials:
         raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
+    if loaded.loops and (guests.names or guests.controller or live or export_log):
+        raise BadInput(f"{name} flies several loops; --observer, --controller, --live and --export-log need a scenario with one [control]")
     target = output_folder(folder, name, overwrite)
     guests.check(loaded)
+    for warning in loaded.warnings():
+        err.print(f"warning: {warning}", style="yellow", markup=False)
     stream = _live_stream(loaded, name, guests) if live else None
     started = time.perf_counter()
     shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
     if stream:
         stream.close()
     failure = next((shard for shard in shards if shard.failure), None)
-    finished, metrics, recording = join(shards)
-    if failure and failure.recording:
-        recording = failure.recording
-    if not len(finished) and recording is None:
+    finished, metrics, recordings = join(shards)
+    if failure and failure.recordings:
+        recordings = failure.recordings
+    if not len(finished) and not recordings:
         err.print(
             "interrupted before a trial was finished; nothing was written" if stopped else f"error: {failure.failure if failure else ''}"
         )
         raise typer.Exit(INTERRUPTED if stopped else FAILED)
     wall = time.perf_counter() - started
-    _write(target, name, loaded, guests, finished, metrics, recording, wall, overwrite)
-    if export_log and recording is not None:
+    _write(target, name, loaded, guests, finished, metrics, recordings, wall, overwrite)
+    if export_log and recordings:
         from sim.flight_log import export
 
-        export(target / "log.parquet", recording, loaded, name)
-    _show(loaded, guests, len(finished), metrics, target, recording, wall)
+        export(target / "log.parquet", recordings["loop"], loaded, name)
+    _show(loaded, guests, len(finished), metrics, target, bool(recordings), wall)
     if failure:
         err.print(f"error: {failure.failure}; what was recorded until then is in {target}")
         raise typer.Exit(FAILED)
@@ -151,11 +155,12 @@ def _write(
     guests: Guests,
     finished: Any,
     metrics: list[Metric],
-    recording: Recording | None,
+    recordings: dict[str, Recording],
     wall: float,
     overwrite: bool,
 ) -> None:
-    from sim.report import write_report  # Matplotlib and Rerun take a second to import
+    from sim import report, report_loops  # Matplotlib and Rerun take a second to import
+    from sim.rerun_loops import write_loops
     from sim.rerun_sink import write_recording
 
     if overwrite and target.is_dir():
@@ -165,11 +170,14 @@ def _write(
     seed, simulated = loaded.run.seed, loaded.run.tick_s * loaded.run.ticks * len(finished)
     write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics, **guests.described)
     write_trials(target / "trials.parquet", name, seed, finished, metrics)
-    if recording is not None:
-        assembly = compile_nacs(loaded.plant)
-        feedback = loaded.control.feedback
-        write_report(target / "report.png", name, loaded.title, recording, _closed_by(loaded, guests))
-        write_recording(target / "recording.rrd", name, recording, assembly, feedback, _configuration(loaded, guests))
+    configuration = _configuration(loaded, guests)
+    if "loop" in recordings:
+        recording, assembly = recordings["loop"], compile_plant(loaded.plant)
+        report.write_report(target / "report.png", name, loaded.title, recording, _closed_by(loaded, guests))
+        write_recording(target / "recording.rrd", name, recording, assembly, loaded.law.feedback, configuration)
+    elif recordings:
+        report_loops.write_report(target / "report.png", name, loaded, recordings)
+        write_loops(target / "recording.rrd", name, loaded, recordings, configuration)
 
 
 def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
@@ -177,23 +185,25 @@ def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
 
 
 def _closed_by(loaded: Scenario, guests: Guests) -> str:
-    return loaded.control.feedback + (f" by {guests.law}" if guests.law else "")
+    return loaded.law.feedback + (f" by {guests.law}" if guests.law else "")
 
 
-def _show(
-    loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric], target: Path, recording: Recording | None, wall: float
-) -> None:
+def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric], target: Path, recorded: bool, wall: float) -> None:
     statistics = rows(metrics)
     if statistics:
         out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
-        if loaded.published:
-            out.print(tables.residuals(statistics, loaded.published))
-        out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
-        out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
-    simulated = loaded.run.tick_s * loaded.run.ticks * finished
+        if loaded.loops:
+            for table in tables.loops(statistics, loaded, finished):
+                out.print(table)
+        else:
+            if loaded.published:
+                out.print(tables.residuals(statistics, loaded.published))
+            out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
+            out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
+    simulated = loaded.run.tick_s * loaded.run.ticks * finished * len(loaded.singles())
     out.print(f"\n{finished} trials, {simulated:.0f} s of flight in {wall:.1f} s ({simulated / wall:.0f} x real time)")
     out.print(f"Report     {target / 'report.png'}")
-    if recording is not None:
+    if recorded:
         if (target / "log.parquet").is_file():
             out.print(f"Log        {target / 'log.parquet'}\nReplay it  nacs replay {target / 'log.parquet'}")
         out.print(f"Recording  {target / 'recording.rrd'}\nOpen it    {how_to_open(target / 'recording.rrd')}")

@@ -84,7 +84,7 @@ def examine(
       at_s: instants at which attribution is reported, s.
       progress: called with what is being done, steps done and steps in all.
     """
-    plant, tick_s = scenario.plant, scenario.run.tick_s
+    plant, tick_s = scenario.testbed, scenario.run.tick_s
     ticks = tuple(sorted({round(s / tick_s) for s in at_s}))
     progress("closed-loop flight", 0, 1)
     flight = fly(scenario, np.arange(scenario.run.trials))

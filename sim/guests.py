@@ -18,12 +18,10 @@ from models.process import ProcessModel
 from sim.faults import DropOut
 from sim.guest_file import UserClass
 from sim.observers import Bank, Models
-from sim.scenario import BadInput, Scenario
+from sim.scenario import RESERVED, BadInput, Scenario
 from sim.sensors import SensorSettings
 
 Array = NDArray[np.floating]
-
-RESERVED = ("loop", "truth", "measurement", "reference")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +82,7 @@ class Guests:
                 raise BadInput(f"--observer {text}: {name!r} cannot be its name (taken or reserved); give the class another `name = '...'`")
             taken.append(name)
         parts = (
-            Models(scenario.plant.process(), scenario.plant.process(wheel_drag=True)),
+            Models.of(scenario.plant),
             scenario.sensors,
             scenario.plant.wheel_axes.shape[1],
         )

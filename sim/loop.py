@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from control.allocation import PseudoInverseAllocation
-from control.tracking import Controller, Estimate, Target
+from control.allocation import Allocation
+from control.tracking import Controller, Estimate, Memoryless, RememberingController, Target
 from estimation.gaussian import Belief, LostDefiniteness
 from models.quaternion import IDENTITY
 from sim.faults import FaultSchedule
@@ -20,7 +20,7 @@ from sim.sensors import Sensors
 
 Array = NDArray[np.floating]
 
-LOCKING_FRICTION_NM = 1.0  # far beyond any drive
+LOCKING = 40.0  # friction of a seized bearing over the drive's limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,8 @@ class System:
     drive_noise: Array
     target: Target
     banks: tuple[Bank, ...]
-    controller: Controller
-    allocation: PseudoInverseAllocation
+    controller: Controller | RememberingController
+    allocation: Allocation
     feedback: str
     command_step_nm: float
     trials: NDArray[np.int64]
@@ -74,19 +74,23 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
     plant, faults = system.plant, system.faults
     steps = round(system.dt / plant.step_s)
     command: Array = np.zeros((plant.trials, plant.assembly.wheel_axes.shape[1]))
+    law = system.controller if isinstance(system.controller, RememberingController) else Memoryless(system.controller)
+    learnt, shared = None, system.allocation.start((plant.trials,))
     beliefs: tuple[Belief, ...] = ()
-    held: Array = np.concatenate([IDENTITY, np.zeros(3 + command.shape[1])])  # until something has been read
+    held: Array = np.tile(np.concatenate([IDENTITY, np.zeros(3 + command.shape[1])]), (plant.trials, 1))  # until something has been read
 
     for k in range(system.ticks):
         truth = plant.truth()
         recorder.put("truth/state", k, truth.state)
         reading = system.sensors.read(k, truth, recorder.array("truth/state"))
+        beliefs = _observe(system, beliefs, np.concatenate([command, held[..., 7:]], axis=-1), reading, k)
         held = np.where(np.isnan(reading), held, reading)
-        beliefs = _observe(system, beliefs, command, reading, k)
         estimate = _estimate(system, beliefs, truth.state, held)
 
-        torque_B = system.controller.step(estimate, Target(*(part[k] for part in system.target)))
-        command = _quantize(system.allocation.step(torque_B), system.command_step_nm)
+        learnt = law.start(estimate) if k == 0 else learnt
+        torque_B, learnt, notes = law.decide(estimate, Target(*(part[k] for part in system.target)), learnt)
+        wheel_torque, shared = system.allocation.step(torque_B, estimate, shared)
+        command = _quantize(wheel_torque, system.command_step_nm)
         applied = faults.act(k, command + system.drive_noise[k])
         push = system.disturbance_B[k] if faults.torque_B is None else system.disturbance_B[k] + faults.torque_B[k]
 
@@ -101,6 +105,7 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
                 "command": command,
                 "applied": applied,
                 "fault": faults.active[k],
+                **{f"control/{name}": note for name, note in notes.items()},
             },
         )
         if on_tick:
@@ -109,16 +114,19 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
         plant.advance(applied, push, steps)
 
 
-def _observe(system: System, beliefs: tuple[Belief, ...], command: Array, reading: Array, tick: int) -> tuple[Belief, ...]:
-    """One step of every bank; a filter that breaks down ends the run, saying which filter and trial."""
+def _observe(system: System, beliefs: tuple[Belief, ...], known: Array, reading: Array, tick: int) -> tuple[Belief, ...]:
+    """One step of every bank; a filter that breaks down ends the run, saying which filter and trial.
+
+    `known`, (trials, 2 wheels), is the torque commanded since the last tick and the wheel speeds that were read then.
+    """
     if tick == 0:
-        return tuple(bank.filter.initial(reading) for bank in system.banks)
+        return tuple(bank.filter.initial(bank.measured(reading)) for bank in system.banks)
     after = []
     for bank, belief in zip(system.banks, beliefs, strict=True):
         try:
-            after.append(bank.filter.step(belief, command, reading, system.dt))
+            after.append(bank.filter.step(belief, bank.inputs(known), bank.measured(reading), system.dt))
         except LostDefiniteness as lost:
-            member, trial = lost.where
+            member, trial = lost.where[-2:]
             raise SimulationFailed(trial, tick * system.dt, f"{bank.names[member]}: its innovation covariance lost definiteness") from None
     return tuple(after)
 
@@ -126,12 +134,16 @@ def _observe(system: System, beliefs: tuple[Belief, ...], command: Array, readin
 def _estimate(system: System, beliefs: tuple[Belief, ...], truth: Array, reading: Array) -> Estimate:
     """State that the controller acts on."""
     state = {"truth": truth, "measurement": reading}.get(system.feedback)
+    modes: Array | None = None
     for bank, belief in zip(system.banks, beliefs, strict=True):
         if system.feedback in bank.names:
-            state = belief.mean[bank.names.index(system.feedback)]
+            member = bank.names.index(system.feedback)
+            state = belief.mean[member]
+            modes = belief.modes.probabilities[member] if belief.modes is not None else None
     if state is None:
         raise ValueError(f"feedback {system.feedback!r} is no observer of this loop")
-    return Estimate(state[..., :4], state[..., 4:7], state[..., 7:])
+    wheels = state[..., 7:] if state.shape[-1] == reading.shape[-1] else reading[..., 7:]  # as read, where no state
+    return Estimate(state[..., :4], state[..., 4:7], wheels, modes)
 
 
 def _quantize(command: Array, step: float) -> Array:
@@ -145,7 +157,7 @@ def _change_plant(system: System, tick: int) -> None:
         now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
         for wheel in np.flatnonzero((now != before).any(axis=0)):
             changed = (now != before)[:, wheel]
-            friction = np.where(now[:, wheel], LOCKING_FRICTION_NM, plant.wheel_coulomb)
+            friction = np.where(now[:, wheel], LOCKING * plant.assembly.wheel_torque_limit, plant.wheel_coulomb)
             plant.set_wheel_friction(changed, int(wheel), friction[changed])
     if faults.mass is not None:
         which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)

@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from models import quaternion
 from models.assembly import Assembly
+from models.euler_angles import to_euler_313, wrapped_difference
 from sim.recording import Recording
+from sim.references import EulerRates
+from sim.scenario import Scenario
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -32,18 +35,30 @@ def phases(recording: Recording) -> dict[str, Flags]:
     fault = np.ascontiguousarray(recording.channels["fault"].T).astype(bool)
     begun = np.logical_or.accumulate(fault, axis=1)
     named = {"all": np.ones_like(fault), "nominal": ~begun, "fault": fault, "recovery": begun & ~fault}
-    return {name: flags for name, flags in named.items() if name == "all" or fault.any()}
+    return {name: flags for name, flags in named.items() if name == "all" or (fault.any() and flags.any())}
 
 
-def evaluate(recording: Recording, assembly: Assembly) -> list[Metric]:
-    """All metrics of a recording; each trial's value is the same in any company."""
+def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scenario: Scenario | None = None) -> list[Metric]:
+    """All metrics of a recording; each trial's value is the same in any company.
+
+    Args:
+      recording: of a closed loop.
+      assembly: the plant.
+      loop: name of the loop. Of several, each is a subject together with the observer that closes it.
+      scenario: of this loop alone.
+    """
     truth = _by_trial(recording.channels["truth/state"])
     reading = _by_trial(recording.channels["reading"])
+    spins = scenario is not None and isinstance(scenario.reference, EulerRates)
+    closing = scenario.law.feedback if scenario is not None and loop != "loop" else None
     out: list[Metric] = []
     for phase, flags in phases(recording).items():
         for name in recording.observers:
-            out += [Metric(name, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
-        out += [Metric("loop", *row) for row in _loop(recording, assembly, phase, flags, truth, reading)]
+            subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
+            out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
+        out += [Metric(loop, *row) for row in _loop(recording, assembly, phase, flags, truth, reading)]
+        if spins:
+            out += [Metric(loop, *row) for row in _euler_angles(recording, phase, flags, truth)]
     return out
 
 
@@ -52,7 +67,8 @@ Row = tuple[str, str, str, Array]
 
 def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
     mean = _by_trial(recording.channels[f"{name}/mean"])
-    error, residual = _difference(mean, truth), _difference(reading, mean)
+    size = mean.shape[-1]
+    error, residual = _difference(mean, truth[..., :size]), _difference(reading[..., :size], mean)
     rows: list[Row] = []
     for kind, difference in (("truth", error), ("residual", residual)):
         each = _rms(difference[..., :7], flags)
@@ -62,7 +78,8 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
             (f"rmse_{kind}_total", phase, "1, rad/s", np.sum(each, axis=-1)),
         ]
         rows += [(f"rmse_{kind}_{state}", phase, "1" if state[0] == "q" else "rad/s", each[:, i]) for i, state in enumerate(STATES)]
-    rows.append(("rmse_truth_wheel", phase, "rad/s", np.sum(_rms(error[..., 7:], flags), axis=-1)))
+    if size > 7:
+        rows.append(("rmse_truth_wheel", phase, "rad/s", np.sum(_rms(error[..., 7:], flags), axis=-1)))
     angle = quaternion.angle(mean[..., :4], truth[..., :4])
     rows.append(("attitude_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])))
     for part in ("nees", "nis"):
@@ -79,6 +96,15 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
         if (flags & fault).any():
             rows.append(("missed_fraction", phase, "1", _mean(1.0 - declared, flags & fault)))
             rows.append(("detection_delay_s", phase, "s", _detection_delay(recording, name)))
+    if f"{name}/modes" in recording.channels:
+        modes = _by_trial(recording.channels[f"{name}/modes"])
+        rows.append(("mode_fault_mean", phase, "1", _mean(1.0 - modes[..., 0], flags)))
+        healthy = ~_by_trial(recording.channels["fault"]).astype(bool)
+        if (flags & healthy).any():
+            rows.append(("false_mode_fraction", phase, "1", _mean((modes[..., 0] < 0.5).astype(float), flags & healthy)))
+    if f"{name}/lost" in recording.channels:
+        lost = _by_trial(np.diff(recording.channels[f"{name}/lost"], axis=0, prepend=0.0))
+        rows.append(("lost_definiteness", phase, "1", np.sum(np.where(flags, lost, 0.0), axis=-1)))
     return rows
 
 
@@ -90,12 +116,27 @@ def _loop(recording: Recording, assembly: Assembly, phase: str, flags: Flags, tr
     command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., 7:])
     saturated = np.any((command >= 0.999 * assembly.wheel_torque_limit) | (speed > 0.98 * assembly.wheel_speed_limit), axis=-1)
     missing = np.any(np.isnan(reading), axis=-1)
+    each = _rms(torque, flags)
+    tracking = np.degrees(_rms(angle[..., None], flags)[:, 0])
     return [
-        ("tracking_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])),
+        ("tracking_error_deg", phase, "deg", tracking),
         ("control_effort_rms", phase, "N m", effort),
+        *((f"effort_rms_{axis}", phase, "N m", each[:, i]) for i, axis in enumerate("xyz")),
         ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1), 0.0), axis=-1)),
         ("saturated_time_s", phase, "s", recording.dt * np.sum(saturated & flags, axis=-1)),
         ("missing_readings", phase, "1", np.sum(missing & flags, axis=-1).astype(float)),
+    ]
+
+
+def _euler_angles(recording: Recording, phase: str, flags: Flags, truth: Array) -> list[Row]:
+    """Tracking error by 3-1-3 Euler angles of the true attitude, each wrapped, as Hill et al. (2021, table II) judge it."""
+    desired = to_euler_313(recording.channels["reference/q"])
+    apart = np.degrees(wrapped_difference(to_euler_313(truth[..., :4]), desired))
+    each = _rms(apart, flags)
+    angle = quaternion.angle(truth[..., :4], recording.channels["reference/q"][None])
+    return [
+        *((f"rmse_{name}_deg", phase, "deg", each[:, i]) for i, name in enumerate(("phi", "theta", "psi"))),
+        ("rmse_body_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])),
     ]
 
 

@@ -1,136 +1,30 @@
-"""Observers of a scenario: their settings in a file, and the filters that they stand for."""
+"""Observers of a closed loop: the filters that a scenario's settings stand for, those of one kind stepped as one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from estimation.extended_kalman import ExtendedFilter, GainLaw, KalmanGain
+from estimation.extended_kalman import ExtendedFilter
 from estimation.gaussian import Belief
-from estimation.nis_switching import Fading, SwitchedGain, Windowed
-from estimation.sliding_innovation import SlidingGain
+from estimation.interacting_multiple_model import InteractingMultipleModel
+from estimation.nis_switching import SwitchedGain
 from estimation.stacking import stack, stackable
 from estimation.state_space import Additive, Multiplicative, StateSpace
-from models.process import ProcessModel, predict, predict_euler
+from estimation.unscented import UnscentedFilter, euler
+from models.nacs import NacsParameters
+from models.process import ProcessModel, predict, predict_euler, runge_kutta
 from models.quaternion import IDENTITY
-from sim.sensors import RPM, SensorSettings
+from models.wheel_faults import WheelFault
+from models.wheeled_body import WheeledBody
+from sim.observer_settings import ExtendedSettings, Imm, Mekf, ObserverSettings, Ukf
+from sim.plants import Parameters
+from sim.sensors import SensorSettings
 
 Array = NDArray[np.floating]
-
-Positive = Annotated[float, Field(gt=0)]
-Triple = tuple[Positive, Positive, Positive]
-
-
-class Tuning(BaseModel):
-    """Noise that a filter expects, each as [quaternion component, body rate (rad/s), wheel speed]."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    process_noise: Triple = Field(description="variances added in a tick, Q")
-    measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
-    boundary_layer: Triple = Field(description="delta of the sliding innovation gain")
-    wheel_unit_rad_s: Positive = Field(1.0, description="wheel speed in which the wheels' entries are counted")
-    wheel_drag: bool = Field(False, description="the model knows the wheels' friction, as a spin-down test would identify it")
-
-    def scaled(self, sensors: SensorSettings) -> tuple[Array, Array, Array]:
-        """Q, R (variances) and delta in rad/s: (3,) each."""
-        scale = self.wheel_unit_rad_s
-        variance, deviation = np.array([1.0, 1.0, scale**2]), np.array([1.0, 1.0, scale])
-        if self.measurement_noise == "sensors":
-            rotation, rate, wheel = sensors.variances
-            measurement = np.maximum([rotation / 4.0, rate, wheel], 1e-16)  # half a small rotation is a quaternion component
-        else:
-            measurement = np.array(self.measurement_noise) * variance
-        return np.array(self.process_noise) * variance, measurement, np.array(self.boundary_layer) * deviation
-
-
-# 1 V of the drives' monitor output if 4 V are 2000 rpm (the scale can be configured and is not printed): the reading with which the
-# paper's Q and R give the detection that it reports. It is a unit for those numbers; the twin's sensors read farther.
-MONITOR_VOLT_RAD_S = 2000 * RPM / 4.0
-
-# `paper`: McCafferty-Leroux et al. (2024, sec. 5), wheels in volts (docs/errata.md).
-# `consistent`: R of the simulated sensors, Q of the mismatch between plant and analytic model (docs/consistency.md).
-TUNINGS: dict[str, Tuning] = {
-    "paper": Tuning(
-        process_noise=(4e-5, 4e-5, 4e-5),
-        measurement_noise=(3e-6, 3e-6, 2.42e-3),
-        boundary_layer=(4e-4, 8e-3, 0.02),
-        wheel_unit_rad_s=MONITOR_VOLT_RAD_S,
-    ),
-    "consistent": Tuning(
-        process_noise=(1e-10, 4e-7, 1.3e-2), measurement_noise="sensors", boundary_layer=(4e-4, 8e-3, 2.0), wheel_drag=True
-    ),
-}
-
-
-class ExtendedSettings(BaseModel):
-    """What all filters of the extended family can be told."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    tuning: str | Tuning
-    discretization: Literal["runge-kutta", "euler"] = "runge-kutta"
-
-    @property
-    def numbers(self) -> Tuning:
-        """The tuning, by name or as given."""
-        return TUNINGS[self.tuning] if isinstance(self.tuning, str) else self.tuning
-
-    def law(self, boundary_layer: Array) -> GainLaw:
-        """Gain of this filter."""
-        return KalmanGain()
-
-
-class Ekf(ExtendedSettings):
-    """Extended Kalman filter, the quaternion's errors by components."""
-
-    type: Literal["ekf"]
-
-
-class Mekf(ExtendedSettings):
-    """Multiplicative extended Kalman filter, attitude errors as a rotation."""
-
-    type: Literal["mekf"]
-
-
-class Sif(ExtendedSettings):
-    """Extended sliding innovation filter."""
-
-    type: Literal["sif"]
-
-    def law(self, boundary_layer: Array) -> GainLaw:
-        """Saturated gain."""
-        return SlidingGain(boundary_layer)
-
-
-class NisSwitched(ExtendedSettings):
-    """EKF that becomes a sliding innovation filter while the smoothed NIS says that there is a fault."""
-
-    type: Literal["nis-switched"]
-    smoothing: Literal["windowed", "fading"]
-    window: Annotated[int, Field(ge=1)] = 45
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.965
-    tail_on: Annotated[float, Field(gt=0, lt=1)] = 0.001
-    tail_off: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    dof: Positive | None = Field(None, description="measurements in a reading; default: all components, as in the paper")
-
-    @model_validator(mode="after")
-    def _hysteresis(self) -> NisSwitched:
-        if not self.tail_on < self.tail_off:
-            raise ValueError(f"tail_on = {self.tail_on:g}, tail_off = {self.tail_off:g}: needs on < off, or there is no hysteresis")
-        return self
-
-    def law(self, boundary_layer: Array) -> GainLaw:
-        """Gain that switches."""
-        smoothing = Windowed(self.window) if self.smoothing == "windowed" else Fading(self.alpha)
-        return SwitchedGain(boundary_layer, smoothing, self.dof or float(len(boundary_layer)), self.tail_on, self.tail_off)
-
-
-ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched, Field(discriminator="type")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +33,24 @@ class Models:
 
     plain: ProcessModel  # as the paper writes it
     with_drag: ProcessModel  # knows the wheels' friction
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, parameters: Parameters) -> Models:
+        """Models of a plant."""
+        return cls(believed(parameters, False), believed(parameters, True), parameters)
+
+    @property
+    def speeds_are_states(self) -> bool:
+        """Whether the wheel speeds are estimated; otherwise they are read and taken as known."""
+        return isinstance(self.plain, WheeledBody)
+
+
+def believed(parameters: Parameters, wheel_drag: bool, fault: WheelFault | None = None) -> ProcessModel:
+    """A plant's analytic model with the wheels' friction or without, and with a fault of the wheels or none."""
+    if isinstance(parameters, NacsParameters):
+        return parameters.process(wheel_drag=wheel_drag, fault=fault)
+    return parameters.process(fault)  # wheel speeds are read, whatever slows them
 
 
 class Observer(Protocol):
@@ -160,40 +72,98 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Observers of one kind, stepped as one; beliefs are (members, trials, ...)."""
+    """Observers of one kind, stepped as one; beliefs are (members, trials, ...).
+
+    Attributes:
+      names: one a member.
+      filter: steps them all.
+      thresholds: on, off of each member's fault detector.
+      speeds_are_states: whether they estimate the wheel speeds; otherwise these are read and are inputs beside the torques.
+    """
 
     names: tuple[str, ...]
     filter: Observer
     thresholds: tuple[tuple[float, float] | None, ...]
+    speeds_are_states: bool = True
+
+    def inputs(self, known: Array) -> Array:
+        """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""
+        return known[..., : known.shape[-1] // 2] if self.speeds_are_states else known
+
+    def measured(self, reading: Array) -> Array:
+        """What it takes for a measurement of a reading (trials, 7 + wheels)."""
+        return reading if self.speeds_are_states else reading[..., :7]
 
 
-def build_filter(settings: ObserverSettings, models: Models, sensors: SensorSettings, wheels: int) -> ExtendedFilter:
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """A filter as the only member of its bank."""
+
+    filter: Observer
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        return self.filter.space
+
+    def initial(self, measurement: Array) -> Belief:
+        """Belief (1, trials, ...) after the first reading, (trials, n)."""
+        return self.filter.initial(measurement[None])
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of `command`, (trials, r), and a reading, (trials, n)."""
+        return self.filter.step(belief, command[None], measurement[None], dt)
+
+
+GaussianFilter = ExtendedFilter | UnscentedFilter | InteractingMultipleModel
+
+
+def build_filter(settings: ObserverSettings, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter:
     """The filter that the settings stand for."""
+    if not isinstance(settings, Imm):
+        return _single(settings, models, sensors, wheels, None)
+    members = tuple(_single(settings.filter, models, sensors, wheels, fault) for fault in settings.faults(wheels))
+    limits = (settings.declare_above, settings.withdraw_below)
+    return InteractingMultipleModel(members, settings.matrix, settings.start, settings.floor, *limits)
+
+
+def _single(
+    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault | None
+) -> ExtendedFilter | UnscentedFilter:
+    """A filter with one model of the wheels."""
     tuning = settings.numbers
     q, r, layer = tuning.scaled(sensors)
-    multiplicative = isinstance(settings, Mekf)
-    counts = [3 if multiplicative else 4, 3, wheels]
+    multiplicative = isinstance(settings, Mekf) or (isinstance(settings, Ukf) and settings.coordinates == "multiplicative")
+    counts = [3 if multiplicative else 4, 3, wheels if models.speeds_are_states else 0]
     # a rotation vector is twice the quaternion's vector part
     unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)
-    return ExtendedFilter(
-        process=models.with_drag if tuning.wheel_drag else models.plain,
-        process_noise=np.diag(np.repeat(unit * q, counts)),
-        measurement_noise=np.diag(np.repeat(unit * r, counts)),
-        prior=np.concatenate([IDENTITY, np.zeros(3 + wheels)]),
-        prior_variance=np.repeat([1.0, 1.0, 1e4], counts),
-        gain=settings.law(np.repeat(layer, counts)),
-        space=Multiplicative() if multiplicative else Additive(),
-        prediction=predict_euler if settings.discretization == "euler" else predict,
-    )
+    if fault is None:
+        process = models.with_drag if tuning.wheel_drag else models.plain
+    else:
+        process = believed(models.parameters, tuning.wheel_drag, fault)
+    common: dict[str, Any] = {
+        "process": process,
+        "process_noise": np.diag(np.repeat(unit * q, counts)),
+        "measurement_noise": np.diag(np.repeat(unit * r, counts)),
+        "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
+        "prior_variance": np.repeat([1.0, 1.0, 1e4], counts),
+        "space": Multiplicative() if multiplicative else Additive(),
+    }
+    explicit = settings.discretization == "euler"
+    if isinstance(settings, Ukf):
+        common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
+        return UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
+    return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
 
 
 def build_banks(observers: dict[str, ObserverSettings], models: Models, sensors: SensorSettings, wheels: int) -> tuple[Bank, ...]:
     """All observers of a scenario, those of one kind together."""
-    groups: list[list[tuple[str, ExtendedFilter]]] = []
+    groups: list[list[tuple[str, GaussianFilter]]] = []
     for name, settings in observers.items():
         single = build_filter(settings, models, sensors, wheels)
         for group in groups:
-            if stackable(group[0][1], single):
+            first = group[0][1]
+            if isinstance(first, ExtendedFilter) and isinstance(single, ExtendedFilter) and stackable(first, single):
                 group.append((name, single))
                 break
         else:
@@ -201,8 +171,17 @@ def build_banks(observers: dict[str, ObserverSettings], models: Models, sensors:
     return tuple(
         Bank(
             names=tuple(name for name, _ in group),
-            filter=stack([single for _, single in group]),
-            thresholds=tuple(single.gain.thresholds if isinstance(single.gain, SwitchedGain) else None for _, single in group),
+            filter=stack(alike) if (alike := [f for _, f in group if isinstance(f, ExtendedFilter)]) else Alone(group[0][1]),
+            thresholds=tuple(thresholds_of(single) for _, single in group),
+            speeds_are_states=models.speeds_are_states,
         )
         for group in groups
     )
+
+
+def thresholds_of(single: GaussianFilter) -> tuple[float, float] | None:
+    """Statistic above which a filter declares a fault and below which it withdraws it, if it does."""
+    if isinstance(single, InteractingMultipleModel):
+        return single.declare_above, single.withdraw_below
+    gain = getattr(single, "gain", None)
+    return gain.thresholds if isinstance(gain, SwitchedGain) else None

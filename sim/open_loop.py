@@ -92,7 +92,9 @@ def fly(scenario: Scenario, trials: NDArray[np.int64]) -> Flight:
     """Fly the scenario in closed loop; feedback is the truth, so that the flight stays away from the tilt stop."""
     system = replace(build(scenario, trials), feedback="truth", banks=())
     recording = run(system)
-    return Flight(scenario, system, recording, system.allocation.step(recording.channels["torque_B"]))
+    state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
+    command, _ = system.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
+    return Flight(scenario, system, recording, command)
 
 
 class _Playback:
@@ -122,7 +124,7 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
     again = scenario.model_copy(
         update={
             "run": scenario.run.model_copy(update={"ticks": ticks}),
-            "plant": altered(scenario.plant, **dict(change.parameters)),
+            "plant": altered(scenario.testbed, **dict(change.parameters)),
             "faults": () if change.no_faults else scenario.faults,
         }
     )
@@ -133,7 +135,7 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
         clamp_masses(assembly)
     plant = Plant(assembly, len(start))
     plant.start(start[:, :4], start[:, 4:7], start[:, 7:])
-    for name, position in zip(BALANCE_MASSES, again.plant.balance_position_mm, strict=True):
+    for name, position in zip(BALANCE_MASSES, again.testbed.balance_position_mm, strict=True):
         plant.hold(name, 1e-3 * position)
     system = replace(
         system,
@@ -142,7 +144,7 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
         banks=(),
         controller=_Playback(flight.recording.channels["torque_B"]),
         allocation=flight.system.allocation,  # the same commands, whatever the drives could do
-        command_step_nm=flight.system.command_step_nm if again.plant.command_bits else 0.0,
+        command_step_nm=flight.system.command_step_nm if again.testbed.command_bits else 0.0,
     )
     return run(system).channels["truth/state"]
 

@@ -57,3 +57,40 @@ def on_dark(observers: Iterable[str]) -> dict[str, Colour]:
             red, green, blue = colorsys.hls_to_rgb(hue, 0.72, min(1.0, 1.3 * saturation))
             colours[name] = (round(255 * red), round(255 * green), round(255 * blue))
     return colours
+
+
+# control laws by hue, each loop's variant by shade: on a white page, on a dark one
+LOOP_FAMILIES: tuple[tuple[tuple[str, Colour], ...], ...] = (
+    (
+        ("#ee9a4d", (255, 196, 130)),
+        ("#d1420b", (255, 118, 56)),
+        ("#7a1a12", (255, 66, 96)),
+        ("#c9a100", (255, 228, 92)),
+        ("#b07a63", (206, 160, 128)),
+    ),
+    (
+        ("#74b3e8", (158, 206, 255)),
+        ("#1c66c9", (72, 148, 255)),
+        ("#1d1d7a", (150, 120, 255)),
+        ("#12a594", (64, 228, 204)),
+        ("#8088ad", (164, 174, 216)),
+    ),
+    (
+        ("#9fbf5a", (206, 232, 140)),
+        ("#4d8a1a", (140, 216, 72)),
+        ("#1f4d1f", (60, 170, 90)),
+        ("#7d7d7d", (205, 205, 205)),
+        ("#a9a97c", (190, 190, 150)),
+    ),
+)
+# hues that persons with any colour vision tell apart (Okabe & Ito 2008), where all loops have one law
+LOOP_VARIANTS = (
+    ("#0072b2", (80, 170, 240)),
+    ("#d55e00", (255, 128, 40)),
+    ("#009e73", (40, 214, 164)),
+    ("#cc79a7", (240, 150, 204)),
+    ("#e69f00", (255, 206, 84)),
+    ("#56b4e9", (166, 220, 255)),
+    ("#6b6b6b", (196, 196, 196)),
+)
+LOOP_DASHES: tuple[tuple[float, ...], ...] = ((4.0, 1.6), (), (7.0, 1.4, 1.2, 1.4), (1.2, 1.2), (9.0, 2.5))  # of the variants

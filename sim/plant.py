@@ -170,7 +170,7 @@ class Diagnostics(NamedTuple):
     """Conserved quantities and body poses of recorded states; leading axes as given."""
 
     energy: Array  # (...,) J, kinetic plus potential
-    momentum_N: Array  # (..., 3) N m s, total angular momentum about the centre of rotation
+    momentum_N: Array  # (..., 3) N m s, total angular momentum about the pivot, or of a free body about its centre of mass
     position: Array  # (..., bodies, 3) m, in the lab frame
     quaternion: Array  # (..., bodies, 4) scalar last, body to lab
 
@@ -186,9 +186,11 @@ def diagnose(assembly: Assembly, qpos: Array, qvel: Array) -> Diagnostics:
     batch.bind("qpos")[:] = qpos.reshape(-1, model.nq)
     batch.bind("qvel")[:] = qvel.reshape(-1, model.nv)
     batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
-    body = int(model.joint(assembly.attitude_joints[0]).bodyid[0])
-    arm = com[:, body] - model.body_pos[body]
-    lab = spin[:, body] + model.body_subtreemass[body] * np.cross(arm, velocity[:, body])
+    joint = model.joint(assembly.attitude_joints[0])
+    body = int(joint.bodyid[0])
+    lab = spin[:, body]
+    if joint.type[0] == mujoco.mjtJoint.mjJNT_BALL:  # about its pivot, about the centre of mass where there is none
+        lab = lab + model.body_subtreemass[body] * np.cross(com[:, body] - model.body_pos[body], velocity[:, body])
     lab_of_N = attitude_matrix(model.body_quat[body][_TO_SCALAR_LAST])  # maps the lab's axes to those of N
     return Diagnostics(
         energy=energy.sum(-1).reshape(lead),

@@ -68,6 +68,8 @@ def family_of(scenario: Scenario) -> PlantFamily:
     """The register's entry for a scenario's plant."""
     if scenario.plant.type not in FAMILIES:
         raise BadInput(f"plant.type: there is no cross-check of {scenario.plant.type!r}; there is of {', '.join(FAMILIES)}")
+    if scenario.control is None:
+        raise BadInput("loops: the cross-check needs a scenario with one [control]")
     return FAMILIES[scenario.plant.type]
 
 

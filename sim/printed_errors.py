@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from control.tracking import Controller, Estimate, Target
 from models import quaternion
+from models.assembly import ImpossibleInertia
 from models.inertia import why_impossible
-from models.nacs import ImpossibleInertia, compile_nacs
+from models.nacs import compile_nacs
 from models.wheeled_body import WheeledBody
 from sim.build import build
 from sim.divergence import momentum_N, passes
@@ -73,7 +74,7 @@ class _Opposite:
 
 def inertia(flight: Flight, bare: Array) -> list[Failure]:
     """Eq. 26, J_yy = 0.172994: the plant refuses it, and the analytic model with it leaves a plant that has no other effect."""
-    plant, tick_s = flight.scenario.plant, flight.scenario.run.tick_s
+    plant, tick_s = flight.scenario.testbed, flight.scenario.run.tick_s
     printed = altered(plant, inertia_kg_m2="printed")
     ratio, remark = 0.0, "the plant takes it"
     try:
@@ -104,7 +105,7 @@ def _triangle(tensor: Array) -> float:
 
 def gyroscopic_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
     """Eq. 24, +omega x H: free of torque, the momentum must keep its direction in N (eq. 5); its length does not tell."""
-    plant, steps = flight.scenario.plant, 500
+    plant, steps = flight.scenario.testbed, 500
     body = plant.process(coupled=True)
     start = np.concatenate([quaternion.IDENTITY, [0.1, -0.05, 0.12], [300.0, -200.0, 150.0, 250.0]])
     none = np.zeros((steps + 1, body.wheel_axes.shape[1]))
@@ -133,6 +134,7 @@ def control_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
     tilt = []
     for wrong in (False, True):
         system = replace(build(short, flight.system.trials), feedback="truth", banks=())
+        assert isinstance(system.controller, Controller)
         law = _Opposite(system.controller) if wrong else system.controller
         flown = run(replace(system, controller=law)).channels["truth/state"]
         upright = quaternion.attitude_matrix(flown[..., :4])[..., 2, 2]

@@ -18,6 +18,7 @@ Array = NDArray[np.floating]
 AnyArray = NDArray[np.floating] | NDArray[np.bool_]
 
 MULTIPLICATIVE = Multiplicative()
+OBSERVED = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared", "modes", "lost")
 _BLOCK = 25  # ticks whose covariances are kept until they are reduced together
 
 
@@ -27,7 +28,9 @@ class Recording:
 
     Channels: `truth/state` [q, omega, wheel speeds], `truth/qpos`, `truth/qvel`, `reading`, `command`, `applied` (N m, wheels),
     `fault` (bool); of each observer NAME: `NAME/mean`, `NAME/sigma` (attitude as a rotation, rad), `NAME/nees`, `NAME/nis`,
-    `NAME/dof`, `NAME/statistic`, `NAME/declared`. `reference/...` has no trial axis.
+    `NAME/dof`, `NAME/statistic`, `NAME/declared`; of one with modes `NAME/modes`, their probabilities; of one that repairs covariances
+    `NAME/lost`, how many so far; `control/...`, what a law notes. `reference/...` has no trial axis. Findings are what was worked out of a
+    trial afterwards, (trials, ...).
     """
 
     dt: float
@@ -35,6 +38,7 @@ class Recording:
     channels: dict[str, Array]
     thresholds: dict[str, tuple[float, float] | None]
     occurrences: tuple[Occurrence, ...] = ()
+    findings: dict[str, Array] = field(default_factory=dict)
 
     @property
     def ticks(self) -> int:
@@ -56,7 +60,8 @@ class Recording:
         place = {int(old): new for new, old in enumerate(keep)}
         channels = {name: a if name.startswith("reference/") else a[:, keep] for name, a in self.channels.items()}
         occurrences = tuple(o._replace(trial=place[o.trial]) for o in self.occurrences if o.trial in place)
-        return Recording(self.dt, self.trials[keep], channels, self.thresholds, occurrences)
+        findings = {name: a[keep] for name, a in self.findings.items()}
+        return Recording(self.dt, self.trials[keep], channels, self.thresholds, occurrences, findings)
 
     @staticmethod
     def join(parts: list[Recording]) -> Recording:
@@ -70,7 +75,9 @@ class Recording:
         for part in parts:
             occurrences += [o._replace(trial=o.trial + before) for o in part.occurrences]
             before += len(part.trials)
-        return Recording(first.dt, np.concatenate([part.trials for part in parts]), channels, first.thresholds, tuple(occurrences))
+        findings = {name: np.concatenate([part.findings[name] for part in parts]) for name in first.findings}
+        trials = np.concatenate([part.trials for part in parts])
+        return Recording(first.dt, trials, channels, first.thresholds, tuple(occurrences), findings)
 
 
 @dataclass(eq=False)
@@ -111,6 +118,10 @@ class Recorder:
                 self.put(f"{index}:{part}", tick, getattr(belief, part))
             self.put(f"{index}:statistic", tick, belief.detection.statistic)
             self.put(f"{index}:declared", tick, belief.detection.declared)
+            if belief.modes is not None:
+                self.put(f"{index}:modes", tick, belief.modes.probabilities)
+            if belief.lost is not None:
+                self.put(f"{index}:lost", tick, belief.lost)
             covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
             covariances[tick % _BLOCK] = belief.covariance
             if tick % _BLOCK == _BLOCK - 1:
@@ -121,7 +132,7 @@ class Recorder:
         start = (stop - 1) // _BLOCK * _BLOCK
         space = self.banks[index].filter.space
         mean = self._arrays[f"{index}:mean"][start:stop]
-        truth = self._arrays["truth/state"][start:stop, None]
+        truth = self._arrays["truth/state"][start:stop, None, ..., : mean.shape[-1]]
         covariance = space.reduce(mean, self._covariance[index][: stop - start])
         error = MULTIPLICATIVE.difference(truth, mean)
         nees = normalized_squared(error, covariance)
@@ -141,8 +152,9 @@ class Recorder:
                 self._reduce(index, done)
             for member, name in enumerate(bank.names):
                 thresholds[name] = bank.thresholds[member]
-                for part in ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared"):
-                    channels[f"{name}/{part}"] = self._arrays[f"{index}:{part}"][:done, member]
+                for part in OBSERVED:
+                    if (array := self._arrays.get(f"{index}:{part}")) is not None:
+                        channels[f"{name}/{part}"] = array[:done, member]
         channels |= {
             "reference/q": target.q_DN[:done],
             "reference/omega": target.omega_DN_D[:done],

@@ -11,8 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from control.tracking import Target
 from models import quaternion
 from models.euler_angles import from_euler_313
+from sim.antenna_reference import AntennaCuts, antenna_mapping
 
 Array = NDArray[np.floating]
+
+_INSTANT_S = 1e-3  # over which a rate is differenced
 
 
 class Sinusoid(BaseModel):
@@ -89,4 +92,41 @@ class EulerRates(BaseModel):
         return Target(from_euler_313(angles), omega, alpha)
 
 
-ReferenceSettings = Annotated[Sinusoid | Hold | EulerRates, Field(discriminator="type")]
+class AntennaMapping(BaseModel):
+    """Cuts to and fro about azimuth (z) and elevation (x), for an antenna's pattern (Tsao, Brozenec & Safonov, fig. 9)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    type: Literal["antenna-mapping"]
+    extent_deg: Annotated[float, Field(gt=0, lt=45)] = Field(description="to either side")
+    pace_rad_s: Annotated[float, Field(gt=0)] = Field(1.0, description="lambda; all durations are divided by it")
+
+    def at(self, time: Array) -> Target:
+        """Target at `time` (...,) s, its rotation vector from N being [elevation, 0, azimuth]."""
+        half = 0.5 * _INSTANT_S
+        alpha = (self._omega(time + half)[1] - self._omega(time - half)[1]) / _INSTANT_S  # the cuts' corners have none
+        q, omega = self._omega(time)
+        return Target(q, omega, alpha)
+
+    def _omega(self, time: Array) -> tuple[Array, Array]:
+        """Attitude and rate; of a rotation vector phi the rate is dphi/dt - b phi x dphi/dt + c phi x (phi x dphi/dt).
+
+        b = (1 - cos) / |phi|^2, c = (|phi| - sin) / |phi|^3, resolved in the turned frame (Markley & Crassidis 2014, ch. 3).
+        """
+        (azimuth, azimuth_rate), (elevation, elevation_rate) = (cuts.at(time) for cuts in self.cuts)
+        still = np.zeros_like(azimuth)
+        turn, rate = np.stack([elevation, still, azimuth], axis=-1), np.stack([elevation_rate, still, azimuth_rate], axis=-1)
+        size = np.linalg.norm(turn, axis=-1, keepdims=True)
+        across = quaternion.cross(turn, rate)
+        b = 0.5 * np.sinc(size / (2.0 * np.pi)) ** 2
+        safe = np.where(size > 1e-3, size, 1.0)
+        c = np.where(size > 1e-3, (safe - np.sin(safe)) / safe**3, 1.0 / 6.0)
+        return quaternion.from_rotation_vector(turn), rate - b * across + c * quaternion.cross(turn, across)
+
+    @property
+    def cuts(self) -> tuple[AntennaCuts, AntennaCuts]:
+        """Azimuth and elevation."""
+        return antenna_mapping(self.pace_rad_s, float(np.radians(self.extent_deg)))
+
+
+ReferenceSettings = Annotated[Sinusoid | Hold | EulerRates | AntennaMapping, Field(discriminator="type")]

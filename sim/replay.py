@@ -16,7 +16,8 @@ from sim import scenario as scenarios
 from sim.faults import Occurrence
 from sim.flight_log import STATES, WHEELS, FlightLog
 from sim.guests import Guests
-from sim.observers import TUNINGS, Bank, Models, ObserverSettings, build_banks
+from sim.observer_settings import TUNINGS, ObserverSettings
+from sim.observers import Bank, Models, build_banks
 from sim.plant import SimulationFailed
 from sim.recording import Recorder, Recording
 from sim.scenario import BadInput, Scenario
@@ -80,7 +81,7 @@ def replay(log: FlightLog, scenario: Scenario, chosen: dict[str, ObserverSetting
     Raises:
       SimulationFailed: a filter lost definiteness.
     """
-    models = Models(scenario.plant.process(), scenario.plant.process(wheel_drag=True))
+    models = Models.of(scenario.plant)
     banks = build_banks(chosen, models, scenario.sensors, WHEELS) + guests.banks(models, scenario.sensors, WHEELS)
     ticks, trials = log.reading.shape[:2]
     recorder = Recorder(log.dt, ticks, log.trials, banks)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -12,39 +12,107 @@ import rerun.blueprint as rrb
 TIMELINE = "sim_time"
 TRAIL_S = 15.0
 
+_part = rr.escape_entity_path_part
+
 BACKGROUND = (17, 22, 30)
 UP = (0.0, 0.0, 1.0)
 BOTH_BODIES = {"position": (-0.385, -0.535, 1.31), "look_target": (0.125, -0.165, 1.115), "eye_up": UP}
 WHEELS = {"position": (-0.22, -0.15, 1.21), "look_target": (0.0, 0.0, 1.075), "eye_up": UP}
 
 
+class Camera(NamedTuple):
+    """The place of a plant relative to the testbed's, for which the cameras above are set up."""
+
+    moved: Sequence[float] = (0.0, 0.0, 0.0)  # m
+    size: float = 1.0
+
+    def of(self, eye: dict[str, Any]) -> dict[str, Any]:
+        """A camera's settings for this plant."""
+        points = {
+            key: tuple(self.size * x + float(shift) for x, shift in zip(eye[key], self.moved, strict=True))
+            for key in ("position", "look_target")
+        }
+        return eye | points
+
+
 @dataclass(frozen=True)
-class Layout:
-    """What the tabs of one trial are made of.
+class Page:
+    """Views of one trial that every layout has.
 
     Attributes:
       prefix: of its entities; empty, or ending in a slash.
-      observers: names of all observers.
-      hybrids: those that declare faults.
-      body: entity of the floating body.
-      wheels: entities of the wheels.
-      shown: observer whose ghost is visible at first.
-      about: scales of what is drawn, for the title of the 3-D view.
       duration_s: shown by the time axes.
     """
 
     prefix: str
+    duration_s: float
+
+    @property
+    def lanes(self) -> str:
+        """Title of the view of faults."""
+        return "Faults, and the gain that each detector chooses"
+
+    def _plot(
+        self, name: str, *contents: str, high: float | None = None, low: float = 0.0, legend: bool = True, corner: str = "RightTop"
+    ) -> Any:
+        return rrb.TimeSeriesView(
+            name=name,
+            origin=f"/{self.prefix}",
+            contents=[f"/{self.prefix}{path}" for path in contents],
+            axis_x=self._time_axis(),
+            axis_y=None if high is None else rrb.ScalarAxis(range=(low, high)),
+            plot_legend=rrb.PlotLegend(corner, visible=legend),
+        )
+
+    def _time_axis(self) -> Any:
+        start, end = (rr.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, self.duration_s))
+        return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+
+    def _lanes(self) -> Any:
+        return rrb.StateTimelineView(name=self.lanes, origin=f"/{self.prefix}state", time_view=self._time_axis())
+
+    def _events(self) -> Any:
+        columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"])
+        return rrb.TextLogView(name="Events", origin=f"/{self.prefix}events", columns=columns)
+
+
+@dataclass(frozen=True)
+class Layout(Page):
+    """What the tabs of one trial are made of.
+
+    Attributes:
+      plant: what it is called.
+      observers: names of all observers.
+      hybrids: those that declare faults.
+      modal: those of them that do so by the probabilities of modes.
+      body: entity of the floating body.
+      wheels: entities of the wheels.
+      shown: observer whose ghost is visible at first.
+      about: scales of what is drawn, for the title of the 3-D view.
+      camera: where the 3-D views look from.
+      wheel_camera: where that of the wheels does.
+    """
+
+    plant: str
     observers: tuple[str, ...]
     hybrids: tuple[str, ...]
+    modal: tuple[str, ...]
     body: str
     wheels: tuple[str, ...]
     shown: str | None
     about: str
-    duration_s: float
+    camera: Camera
+    wheel_camera: Camera
+
+    @property
+    def lanes(self) -> str:
+        """Title of the view of faults."""
+        return "Faults, and what each detector says" if self.modal else super().lanes
 
     def tabs(self) -> list[Any]:
         """All tabs, each of views of its own: Rerun allows a view one parent only."""
-        return [self._overview(), self._estimators(), self._wheels(), self._control(), self._consistency(), self._run()]
+        modes = [self._modes()] if self.modal else []
+        return [self._overview(), self._estimators(), *modes, self._wheels(), self._control(), self._consistency(), self._run()]
 
     def _overview(self) -> Any:
         statistic = self._statistic(self.shown if self.shown in self.hybrids else next(iter(self.hybrids), None))
@@ -76,11 +144,19 @@ class Layout:
             name="Estimators",
         )
 
+    def _modes(self) -> Any:
+        views = [self._plot(f"Probability of each mode of {m} [-], the first is healthy", f"modes/{_part(m)}") for m in self.modal]
+        return rrb.Vertical(*views, self._lanes(), row_shares=[*[70 / len(views)] * len(views), 30], name="Modes")
+
     def _wheels(self) -> Any:
         about = f"Wheels and their momentum; {self.about.split(';', maxsplit=1)[0]}"
         return rrb.Horizontal(
             rrb.Vertical(
-                self._scene(about, WHEELS, [*(f"{w}/**" for w in self.wheels), self.body, f"{self.body}/outline/**", "world/lab/**"]),
+                self._scene(
+                    about,
+                    self.wheel_camera.of(WHEELS),
+                    [*(f"{w}/**" for w in self.wheels), self.body, f"{self.body}/outline/**", "world/lab/**"],
+                ),
                 self._plot("Wheel momentum [mN m s]", "wheels/momentum"),
                 self._lanes(),
                 row_shares=[54, 28, 18],
@@ -124,8 +200,8 @@ class Layout:
         return rrb.Horizontal(document, self._events(), column_shares=[55, 45], name="Run")
 
     def _testbed(self) -> Any:
-        who = f"Testbed, and what {self.shown} believes; " if self.shown else "Testbed; "
-        return self._scene(f"{who}{self.about}", BOTH_BODIES, ["world/**", f"- {self.body}/outline/**"])
+        who = f"{self.plant}, and what {self.shown} believes; " if self.shown else f"{self.plant}; "
+        return self._scene(f"{who}{self.about}", self.camera.of(BOTH_BODIES), ["world/**", f"- {self.body}/outline/**"])
 
     def _axes_error(self) -> Any:
         return self._plot(f"Attitude error of {self.shown}, estimate - truth [mrad], band: 1 sigma", "attitude/error_axes")
@@ -133,25 +209,12 @@ class Layout:
     def _statistic(self, hybrid: str | None) -> Any:
         if hybrid is None:
             return self._plot("NIS of every observer [-], 95 % band", "consistency/nis/**", "consistency/nis_band", high=50.0)
-        return self._plot(f"Smoothed NIS of {hybrid} [-]", f"consistency/statistic/{rr.escape_entity_path_part(hybrid)}")
-
-    def _plot(self, name: str, *contents: str, high: float | None = None) -> Any:
-        return rrb.TimeSeriesView(
-            name=name,
-            origin=f"/{self.prefix}",
-            contents=[f"/{self.prefix}{path}" for path in contents],
-            axis_x=self._time_axis(),
-            axis_y=None if high is None else rrb.ScalarAxis(range=(0.0, high)),
-            plot_legend=rrb.PlotLegend("RightTop"),
-        )
-
-    def _time_axis(self) -> Any:
-        start, end = (rr.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, self.duration_s))
-        return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+        what = "Probability of a fault by" if hybrid in self.modal else "Smoothed NIS of"
+        return self._plot(f"{what} {hybrid} [-]", f"consistency/statistic/{_part(hybrid)}")
 
     def _scene(self, name: str, eye: dict[str, Any], contents: Iterable[str]) -> Any:
         hidden = {
-            f"{self.prefix}world/{what}/{rr.escape_entity_path_part(observer)}": rrb.EntityBehavior(visible=False)
+            f"{self.prefix}world/{what}/{_part(observer)}": rrb.EntityBehavior(visible=False)
             for what in ("estimate", "magnified", "labels")
             for observer in self.observers
             if observer != self.shown
@@ -171,17 +234,8 @@ class Layout:
             overrides={**hidden, f"{self.prefix}world/trail": trail},
         )
 
-    def _lanes(self) -> Any:
-        return rrb.StateTimelineView(
-            name="Faults, and the gain that each detector chooses", origin=f"/{self.prefix}state", time_view=self._time_axis()
-        )
 
-    def _events(self) -> Any:
-        columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"])
-        return rrb.TextLogView(name="Events", origin=f"/{self.prefix}events", columns=columns)
-
-
-def blueprint(trials: dict[str, Layout], live: bool = False) -> Any:
+def blueprint(trials: dict[str, Any], live: bool = False) -> Any:
     """Blueprint of a recording: the tabs of its trial, or a tab of tabs for each of several; `live` follows what arrives."""
     first, *others = trials.values()
     tabs = first.tabs() if not others else [rrb.Tabs(*layout.tabs(), name=label) for label, layout in trials.items()]

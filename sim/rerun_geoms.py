@@ -106,12 +106,12 @@ def solid(shape: Shape, colour: tuple[int, ...]) -> Any:
     return rr.Ellipsoids3D(half_sizes=half, centers=shape.position, **look)
 
 
-def edges(shape: Shape, colour: tuple[int, ...]) -> Any:
-    """Wire frame of boxes or cylinders."""
+def edges(shape: Shape, colour: tuple[int, ...], size: float = 1.0) -> Any:
+    """Wire frame of boxes or cylinders; the wire is thicker on a plant of larger `size`."""
     look = {"centers": shape.position, "quaternions": shape.quaternion, "colors": [colour], "fill_mode": "MajorWireframe"}
     if shape.kind == BOX:
-        return rr.Boxes3D(half_sizes=shape.size, radii=EDGE, **look)
-    return rr.Cylinders3D(lengths=2 * shape.size[:, 1], radii=shape.size[:, 0], line_radii=EDGE, **look)
+        return rr.Boxes3D(half_sizes=shape.size, radii=size * EDGE, **look)
+    return rr.Cylinders3D(lengths=2 * shape.size[:, 1], radii=shape.size[:, 0], line_radii=size * EDGE, **look)
 
 
 def _cylinders(shape: Shape, colour: tuple[int, ...]) -> Any:
@@ -142,11 +142,12 @@ def _mesh(scene: Any, geom: int, position: Array, turn: Array, rgba: Array) -> A
     normal = slice(scene.mesh_normaladr[mesh], scene.mesh_normaladr[mesh] + scene.mesh_normalnum[mesh])
     face = slice(scene.mesh_faceadr[mesh], scene.mesh_faceadr[mesh] + scene.mesh_facenum[mesh])
     to_body = quaternion.attitude_matrix(turn)  # rows times A(q) turn them into the body's frame
-    corner = scene.mesh_vert[vertex][scene.mesh_face[face]].reshape(-1, 3)  # normals differ between the faces of a vertex
+    corners = np.stack([scene.mesh_face[face].ravel(), scene.mesh_facenormal[face].ravel()], axis=-1)
+    different, triangles = np.unique(corners, axis=0, return_inverse=True)  # normals may differ between the faces of a vertex
     return rr.Mesh3D(
-        vertex_positions=corner @ to_body + position,
-        vertex_normals=scene.mesh_normal[normal][scene.mesh_facenormal[face]].reshape(-1, 3) @ to_body,
-        triangle_indices=np.arange(len(corner)).reshape(-1, 3),
+        vertex_positions=scene.mesh_vert[vertex][different[:, 0]] @ to_body + position,
+        vertex_normals=scene.mesh_normal[normal][different[:, 1]] @ to_body,
+        triangle_indices=triangles.reshape(-1, 3),
         albedo_factor=_bytes(rgba),
     )
 

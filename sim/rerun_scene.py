@@ -21,7 +21,19 @@ GHOST_OFFSET = np.array([0.26, -0.34, 0.0])  # m in the lab: the ghost floats be
 GHOST_LABEL = np.array([0.0, 0.0, 0.31])  # m in the lab, from the pivot of a ghost
 ABOVE = np.array([0.0, 0.0, 0.275])  # m in the lab, from the pivot: clear of the CubeSat, where the total momentum is seen
 AXIS_LENGTH = 0.22  # m
+EXTENT, FLOATING = 0.68, 0.44  # m: of the testbed, as its MJCF gives it, and of what floats of it
+CENTRE = np.array([0.0, 0.0, 1.07])  # m, of the testbed
 BORESIGHT = np.array([0.0, 0.0, -0.40])  # m in B: a pointer out of the top, whose tip draws a trace
+
+
+def size_of(assembly: Assembly) -> float:
+    """How much larger a plant is than the testbed, for which all lengths above are chosen; one without a stand is all floating."""
+    return float(assembly.scene.stat.extent) / (EXTENT if stands(assembly) else FLOATING)
+
+
+def stands(assembly: Assembly) -> bool:
+    """Whether the floating body is borne above the ground."""
+    return bool(np.any(assembly.model.body_pos[floating_body(assembly)]))
 
 
 def floating_body(assembly: Assembly) -> int:
@@ -32,6 +44,12 @@ def floating_body(assembly: Assembly) -> int:
 def lab_of_N(assembly: Assembly) -> Array:
     """Quaternion, scalar last, from N to the lab: how the floating body is mounted."""
     return scalar_last(assembly.model.body_quat[floating_body(assembly)])
+
+
+def boresight(assembly: Assembly) -> Array:
+    """Tip of the pointer out of the top of a plant, (3,) m in B, whose z may point down or up."""
+    up = np.sign(rotate(lab_of_N(assembly), np.array([0.0, 0.0, 1.0]))[2])
+    return -up * size_of(assembly) * BORESIGHT
 
 
 def to_lab(q_BN: Array, mount: Array) -> Array:
@@ -46,7 +64,7 @@ def body_path(scene: Any, body: int) -> str:
 
 def log_scene(stream: Any, prefix: str, assembly: Assembly, colours: dict[str, Colour]) -> None:
     """Log once what does not change: geoms under their bodies, axes, and two ghosts of the floating body for each observer."""
-    scene = assembly.scene
+    scene, size = assembly.scene, size_of(assembly)
 
     def static(path: str, *what: Any) -> None:
         stream.log(f"{prefix}{path}", *what, static=True)
@@ -56,33 +74,35 @@ def log_scene(stream: Any, prefix: str, assembly: Assembly, colours: dict[str, C
         name = scene.geom(geom).name or f"geom_{geom}"
         static(f"{body_path(scene, int(scene.geom_bodyid[geom]))}/{rr.escape_entity_path_part(name)}", drawn(scene, int(geom)))
     body = body_path(scene, floating_body(assembly))
-    static(f"{body}/axes", _triad(AXIS_LENGTH, AXES, 0.0022))
-    static(f"{body}/boresight", rr.LineStrips3D([[0.6 * BORESIGHT, BORESIGHT]], colors=[(*TRUTH, 150)], radii=0.0008))
-    static("world/trail", rr.Points3D.from_fields(colors=[TRUTH], radii=0.002))
-    static("world/reference/axes", _triad(1.2 * AXIS_LENGTH, (REFERENCE,) * 3, 0.001))
-    static("world/reference/boresight", rr.Points3D([BORESIGHT], colors=[REFERENCE], radii=0.006))
-    static("world/momentum", rr.Arrows3D.from_fields(colors=[TOTAL], radii=0.0035))
+    static(f"{body}/axes", triad(size * AXIS_LENGTH, AXES, size * 0.0022))
+    tip = boresight(assembly)
+    static(f"{body}/boresight", rr.LineStrips3D([[0.6 * tip, tip]], colors=[(*TRUTH, 150)], radii=size * 0.0008))
+    static("world/trail", rr.Points3D.from_fields(colors=[TRUTH], radii=size * 0.002))
+    static("world/reference/axes", triad(size * 1.2 * AXIS_LENGTH, (REFERENCE,) * 3, size * 0.001))
+    static("world/reference/boresight", rr.Points3D([tip], colors=[REFERENCE], radii=size * 0.006))
+    static("world/momentum", rr.Arrows3D.from_fields(colors=[TOTAL], radii=size * 0.0035))
     for number, joint in enumerate(assembly.wheel_joints):
         path = body_path(scene, int(scene.joint(joint).bodyid[0]))
-        static(f"{path}/momentum", rr.Arrows3D.from_fields(colors=[wheel(number)], radii=0.0026))
+        static(f"{path}/momentum", rr.Arrows3D.from_fields(colors=[wheel(number)], radii=size * 0.0026))
     shapes = _floating_shapes(scene, floating_body(assembly))
     for shape in _outline(shapes):  # an X-ray picture for the view of the wheels
-        static(f"{body}/outline/{_NAMES[shape.kind]}", edges(shape, OUTLINE))
+        static(f"{body}/outline/{_NAMES[shape.kind]}", edges(shape, OUTLINE, size))
     for name, colour in colours.items():
         part = rr.escape_entity_path_part(name)
-        static(f"world/labels/{part}", rr.Points3D.from_fields(colors=[colour], radii=0.0004))
-        static(f"world/estimate/{part}/axes", _triad(AXIS_LENGTH, AXES, 0.0022))
+        static(f"world/labels/{part}", rr.Points3D.from_fields(colors=[colour], radii=size * 0.0004))
+        static(f"world/estimate/{part}/axes", triad(size * AXIS_LENGTH, AXES, size * 0.0022))
         for shape in shapes:
             static(f"world/estimate/{part}/{_NAMES[shape.kind]}", solid(shape, (*colour, 38)))
         for shape in _outline(shapes):
             for ghost in ("estimate", "magnified"):
-                static(f"world/{ghost}/{part}/edges_of_{_NAMES[shape.kind]}", edges(shape, (*colour, 200)))
+                static(f"world/{ghost}/{part}/edges_of_{_NAMES[shape.kind]}", edges(shape, (*colour, 200), size))
 
 
 _NAMES = {SPHERE: "spheres", CAPSULE: "capsules", ELLIPSOID: "ellipsoids", CYLINDER: "cylinders", BOX: "boxes"}
 
 
-def _triad(length: float, colours: tuple[Colour, ...], radius: float) -> Any:
+def triad(length: float, colours: tuple[Colour, ...], radius: float) -> Any:
+    """Three axes as arrows."""
     return rr.Arrows3D(vectors=length * np.eye(3), colors=colours, radii=radius)
 
 

@@ -16,10 +16,23 @@ from models.assembly import Assembly
 from sim.palette import ALERT, CALM, HEALTHY, REFERENCE, on_dark
 from sim.plant import Diagnostics, diagnose
 from sim.recording import Recording
-from sim.rerun_blueprint import TIMELINE, Layout, blueprint
+from sim.rerun_blueprint import TIMELINE, WHEELS, Camera, Layout, blueprint
 from sim.rerun_geoms import rotate
-from sim.rerun_scene import ABOVE, BORESIGHT, GHOST_LABEL, GHOST_OFFSET, body_path, floating_body, lab_of_N, log_scene, to_lab
-from sim.series import Curve, curves, events, hybrids, lanes
+from sim.rerun_scene import (
+    ABOVE,
+    CENTRE,
+    GHOST_LABEL,
+    GHOST_OFFSET,
+    body_path,
+    boresight,
+    floating_body,
+    lab_of_N,
+    log_scene,
+    size_of,
+    stands,
+    to_lab,
+)
+from sim.series import Curve, curves, events, hybrids, lanes, modal
 
 Array = NDArray[np.floating]
 
@@ -44,7 +57,7 @@ class Scales(NamedTuple):
             error = float(
                 np.max(quaternion.angle(recording.channels[f"{shown}/mean"][..., :4], recording.channels["truth/state"][..., :4]))
             )
-        return cls(_round(0.3 / max(longest, 1e-9)), _round(np.radians(10.0) / max(error, 1e-9)))
+        return cls(_round(0.3 * size_of(assembly) / max(longest, 1e-9)), _round(np.radians(10.0) / max(error, 1e-9)))
 
     def __str__(self) -> str:
         return f"1 mN m s = {self.momentum:g} mm; wire frame: error x {self.error:g}"
@@ -102,7 +115,25 @@ def layout(prefix: str, assembly: Assembly, thresholds: Thresholds, shown: str |
     """What the tabs of one trial are made of."""
     wheels = tuple(body_path(assembly.scene, int(assembly.scene.joint(j).bodyid[0])) for j in assembly.wheel_joints)
     body = body_path(assembly.scene, floating_body(assembly))
-    return Layout(prefix, tuple(thresholds), hybrids(thresholds), body, wheels, shown, str(scales), duration_s)
+    body_camera, wheel_camera = Camera(), Camera()
+    if not stands(assembly):
+        hubs = [assembly.scene.body_pos[assembly.scene.joint(joint).bodyid[0]] for joint in assembly.wheel_joints]
+        aims = (assembly.scene.stat.center, CENTRE), (np.mean(hubs, axis=0), np.array(WHEELS["look_target"]))
+        body_camera, wheel_camera = (Camera(to - size_of(assembly) * home, size_of(assembly)) for to, home in aims)
+    return Layout(
+        prefix,
+        duration_s,
+        "Testbed" if stands(assembly) else "Spacecraft",
+        tuple(thresholds),
+        hybrids(thresholds),
+        modal(thresholds),
+        body,
+        wheels,
+        shown,
+        str(scales),
+        body_camera,
+        wheel_camera,
+    )
 
 
 def entity(path: str) -> str:
@@ -141,12 +172,13 @@ def _flat(settings: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
 def start(stream: Any, prefix: str, thresholds: Thresholds, assembly: Assembly, q_DN: Array) -> None:
     """Everything that does not change in a trial."""
     log_scene(stream, prefix, assembly, on_dark(thresholds))
-    mount, pivot = lab_of_N(assembly), assembly.model.body_pos[floating_body(assembly)]
-    trace = pivot + rotate(to_lab(q_DN, mount), BORESIGHT)
-    stream.log(f"{prefix}world/reference_trace", rr.LineStrips3D([trace], colors=[(*REFERENCE, 120)], radii=0.0007), static=True)
+    mount, pivot, size = lab_of_N(assembly), assembly.model.body_pos[floating_body(assembly)], size_of(assembly)
+    trace = pivot + rotate(to_lab(q_DN, mount), boresight(assembly))
+    stream.log(f"{prefix}world/reference_trace", rr.LineStrips3D([trace], colors=[(*REFERENCE, 120)], radii=size * 0.0007), static=True)
     for name, limits in thresholds.items():
         if limits:
-            states = rr.StateConfiguration(values=["healthy", "declared"], labels=["Kalman gain", "sliding gain"], colors=[HEALTHY, ALERT])
+            labels = ["healthy", "faulty"] if name in modal(thresholds) else ["Kalman gain", "sliding gain"]
+            states = rr.StateConfiguration(values=["healthy", "declared"], labels=labels, colors=[HEALTHY, ALERT])
             stream.log(f"{prefix}state/{rr.escape_entity_path_part(name)}", states, static=True)
 
 
@@ -160,7 +192,8 @@ def motion(recording: Recording, truth: Diagnostics, assembly: Assembly, scales:
     """Entities that move, with their columns, of a recording of one trial."""
     state = recording.channels["truth/state"][:, 0]
     root, mount = floating_body(assembly), lab_of_N(assembly)
-    pivot = truth.position[:, root]
+    pivot, size = truth.position[:, root], size_of(assembly)
+    beside, above = size * GHOST_OFFSET, size * ABOVE
     for body in range(1, assembly.model.nbody):
         yield (
             body_path(assembly.scene, body),
@@ -170,17 +203,17 @@ def motion(recording: Recording, truth: Diagnostics, assembly: Assembly, scales:
     for name in recording.observers:
         part = rr.escape_entity_path_part(name)
         q_BN = quaternion.normalize(recording.channels[f"{name}/mean"][:, 0, :4])
-        yield f"world/estimate/{part}", rr.Transform3D.columns(translation=pivot + GHOST_OFFSET, quaternion=to_lab(q_BN, mount))
+        yield f"world/estimate/{part}", rr.Transform3D.columns(translation=pivot + beside, quaternion=to_lab(q_BN, mount))
         error = scales.error * quaternion.error(q_BN, state[:, :4])
-        size = np.linalg.norm(error, axis=-1, keepdims=True)
-        error = error * np.minimum(1.0, 0.5 * np.pi / np.maximum(size, 1e-12))  # a lost filter shall not seem to come round again
+        length = np.linalg.norm(error, axis=-1, keepdims=True)
+        error = error * np.minimum(1.0, 0.5 * np.pi / np.maximum(length, 1e-12))  # a lost filter shall not seem to come round again
         magnified = quaternion.multiply(quaternion.from_rotation_vector(error), state[:, :4])
         yield f"world/magnified/{part}", rr.Transform3D.columns(translation=pivot, quaternion=to_lab(magnified, mount))
         labels = [f"{name}: {a:.2f} mrad off" for a in 1e3 * quaternion.angle(q_BN, state[:, :4])]
-        yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + GHOST_OFFSET + GHOST_LABEL, labels=labels)
-    yield "world/trail", rr.Points3D.columns(positions=pivot + rotate(truth.quaternion[:, root], BORESIGHT))
+        yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + beside + size * GHOST_LABEL, labels=labels)
+    yield "world/trail", rr.Points3D.columns(positions=pivot + rotate(truth.quaternion[:, root], boresight(assembly)))
     total = rotate(np.broadcast_to(mount, (len(state), 4)), truth.momentum_N)
-    yield "world/momentum", rr.Arrows3D.columns(origins=pivot + ABOVE, vectors=scales.momentum * total)
+    yield "world/momentum", rr.Arrows3D.columns(origins=pivot + above, vectors=scales.momentum * total)
     for joint, speed in zip(assembly.wheel_joints, state[:, 7:].T, strict=True):
         place = assembly.scene.joint(joint)
         axis = assembly.scene.jnt_axis[place.id]
@@ -193,6 +226,8 @@ def style(curve: Curve) -> Any:
     if curve.dots:
         return rr.SeriesPoints(names=curve.names, colors=curve.colours, marker_sizes=curve.width, markers="circle")
     look: dict[str, Any] = {"names": curve.names, "colors": curve.colours, "widths": [curve.width] * len(curve.names)}
+    if curve.aggregation:
+        look["aggregation_policy"] = curve.aggregation
     return rr.SeriesLines(**look) if curve.sigma is None else rr.Measurements.from_fields(**look)
 
 

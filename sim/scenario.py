@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
-from pydantic_core import ErrorDetails
 
-from models.inertia import why_impossible
-from models.nacs import ImpossibleInertia, NacsParameters, prepare_nacs
-from sim.faults import Fault, InertiaChange, earliest_start, latest_end
-from sim.observers import TUNINGS, ObserverSettings, Tuning
+from models.assembly import ImpossibleInertia
+from sim.closed_loop_identification import IdentificationSettings
+from sim.complaints import first_complaint
+from sim.control_settings import ControlSettings, ModeWeightedSettings
+from sim.faults import Fault, earliest_start, latest_end
+from sim.observer_settings import TUNINGS, Imm, ObserverSettings, Tuning
+from sim.plants import NacsPlant, PlantSettings, complain_of_masses
 from sim.references import ReferenceSettings
 from sim.sensors import SENSOR_SETS, SensorSettings
 
@@ -23,6 +23,8 @@ SCENARIOS = Path(__file__).with_name("scenarios")
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+
+RESERVED = ("loop", "truth", "measurement", "reference")
 
 
 class BadInput(ValueError):
@@ -42,33 +44,28 @@ class RunSettings(_Section):
     seed: Annotated[int, Field(ge=0)]
 
 
-class NacsPlant(NacsParameters):
-    """The air-bearing testbed; every parameter of models/nacs.py is a key."""
-
-    type: Literal["nacs"]
-
-
 class StartSettings(_Section):
-    """State at t = 0: the reference's attitude but for a small random turn, at rest."""
+    """State at t = 0: near a given attitude, the reference's if none is given."""
 
-    attitude_error_deg: NonNegative = Field(1.0, description="standard deviation of the turn about each body axis")
+    attitude_error_deg: NonNegative = Field(1.0, description="standard deviation of a random turn about each body axis")
+    euler_313_deg: tuple[float, float, float] | None = Field(None, description="attitude phi, theta, psi in place of the reference's")
+    rate_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     wheel_speed_rad_s: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
 
-class PdSettings(_Section):
-    """Quaternion feedback on the tracking error."""
+class LoopSettings(_Section):
+    """One of several closed loops that are flown on the same trials."""
 
-    type: Literal["pd"]
-    proportional_nm: Positive = Field(0.4, description="K_p")
-    derivative_nms: Positive = Field(0.075, description="K_d")
-    feedback: str = Field(description="who tells the controller the state: an observer, `truth` or `measurement`")
+    control: ControlSettings
+    watching: tuple[str, ...] = Field((), description="further observers, which do not close the loop")
+    faults: bool = Field(True, description="whether the scenario's faults happen in it")
 
 
 class Published(_Section):
     """What the paper prints, to be shown beside the twin's numbers."""
 
     source: str
-    values: dict[str, dict[str, float]] = Field(description="subject -> metric -> value")
+    values: dict[str, dict[str, float]] = Field(description="subject -> metric -> value; metric@phase for one phase")
 
 
 class Scenario(_Section):
@@ -77,14 +74,16 @@ class Scenario(_Section):
     title: str
     source: str = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
-    plant: NacsPlant
+    plant: PlantSettings
     start: StartSettings = StartSettings()
     sensors: SensorSettings = SensorSettings()
     reference: ReferenceSettings
-    control: PdSettings
+    control: ControlSettings | None = Field(None, description="the law of the only loop")
+    loops: dict[str, LoopSettings] = Field({}, description="or several closed loops on the same trials, by name")
     tuning: str | Tuning = Field("consistent", description="of all observers that do not have their own")
     observers: dict[str, ObserverSettings]
     faults: tuple[Fault, ...] = ()
+    identification: IdentificationSettings | None = Field(None, description="of what the controllers of two loops truly make of the plant")
     published: Published | None = None
 
     @field_validator("sensors", mode="before")
@@ -113,21 +112,29 @@ class Scenario(_Section):
         for name, settings in observers.items():
             if isinstance(settings.tuning, str) and settings.tuning not in TUNINGS:
                 raise ValueError(f"{name}.tuning: no set {settings.tuning!r}; there are {', '.join(TUNINGS)}")
-            if "/" in name or name in ("loop", "truth", "measurement", "reference"):
+            if "/" in name or name in RESERVED:
                 raise ValueError(f"{name!r} cannot be an observer's name")
         return observers
 
+    @field_validator("loops")
+    @classmethod
+    def _named_loops(cls, loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
+        for name in loops:
+            if "/" in name or name in RESERVED:
+                raise ValueError(f"{name!r} cannot be a loop's name")
+        return loops
+
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
-        sources = [*self.observers, *(info.context or {}).get("guests", ()), "truth", "measurement"]
-        if self.control.feedback not in sources:
-            raise ValueError(f"control.feedback: no observer {self.control.feedback!r}; there are {', '.join(sources)}")
+        duration, wheels = self.run.ticks * self.run.tick_s, self.plant.wheel_axes.shape[1]
+        for name, settings in self.observers.items():
+            settings.complain(f"observers.{name}", wheels)
+        self._complain_of_loops([*self.observers, *(info.context or {}).get("guests", ()), "truth", "measurement"])
         steps = self.run.tick_s / self.plant.step_s
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
             raise ValueError(
                 f"run.tick_s: {self.run.tick_s:g} s is not a whole number of physics steps (plant.step_s = {self.plant.step_s:g} s)"
             )
-        duration = self.run.ticks * self.run.tick_s
         for number, fault in enumerate(self.faults):
             where = f"faults.{number} ({fault.kind})"
             if earliest_start(fault) < 0 or latest_end(fault) > duration + 1e-9:
@@ -135,18 +142,71 @@ class Scenario(_Section):
                     f"{where}: lasts from {earliest_start(fault):g} to {latest_end(fault):g} s, the run from 0 to {duration:g} s"
                 )
             wheel = getattr(fault, "wheel", "all")
-            if isinstance(wheel, int) and wheel > 4:
-                raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to 4 or 'all'")
+            if isinstance(wheel, int) and wheel > wheels:
+                raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to {wheels} or 'all'")
         try:
-            reassemble = prepare_nacs(self.plant).reassemble
+            complain_of_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
-        for number, fault in enumerate(self.faults):
-            if isinstance(fault, InertiaChange):
-                whole, bus = fault.properties.inertia, np.diag(reassemble(*fault.properties).moments)
-                if reason := why_impossible(whole) or why_impossible(bus):
-                    raise ValueError(f"faults.{number} (inertia): no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
         return self
+
+    def _complain_of_loops(self, sources: list[str]) -> None:
+        """Raise ValueError if a loop is closed on nothing, or has gains for other modes than its observer's."""
+        if (self.control is None) == (not self.loops):
+            raise ValueError("control: give either [control] for one closed loop or [loops.NAME.control] for several")
+        for where, loop in {"control": self.control, **{f"loops.{n}.control": o.control for n, o in self.loops.items()}}.items():
+            if loop is None:
+                continue
+            if loop.feedback not in sources:
+                raise ValueError(f"{where}.feedback: no observer {loop.feedback!r}; there are {', '.join(sources)}")
+            observer = self.observers.get(loop.feedback)
+            modes = len(observer.modes) if isinstance(observer, Imm) else 1
+            for key, gains in loop.gains.items():
+                if isinstance(gains, tuple) and len(gains) != modes:
+                    raise ValueError(f"{where}.{key}: {len(gains)} gains for the {modes} modes of {loop.feedback}; give one a mode, or one")
+            if isinstance(loop.allocation, ModeWeightedSettings) and not isinstance(observer, Imm):
+                raise ValueError(f"{where}.allocation: mode-weighted needs the mode probabilities of an observer of type imm as feedback")
+        for name, settings in self.loops.items():
+            if absent := [watching for watching in settings.watching if watching not in self.observers]:
+                raise ValueError(f"loops.{name}.watching: no observer {absent[0]!r}; there are {', '.join(self.observers)}")
+
+    @property
+    def law(self) -> ControlSettings:
+        """The law of the only loop."""
+        assert self.control is not None, "of several loops, `singles` gives each on its own"
+        return self.control
+
+    @property
+    def testbed(self) -> NacsPlant:
+        """The plant, for what only knows the testbed; raises BadInput if it is another, or flies several loops."""
+        if not isinstance(self.plant, NacsPlant) or self.control is None:
+            raise BadInput("plant.type: this needs the testbed (type = 'nacs') with one [control]")
+        return self.plant
+
+    def warnings(self) -> list[str]:
+        """What may be meant but deserves a word, a line each."""
+        return [
+            line
+            for name, o in self.observers.items()
+            if isinstance(o, Imm)
+            for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
+        ]
+
+    def singles(self) -> dict[str, Scenario]:
+        """Every closed loop as a scenario with that one loop, by name; the only one is called `loop`."""
+        if self.control is not None:
+            return {"loop": self}
+        return {
+            name: self.model_copy(
+                update={
+                    "control": loop.control,
+                    "loops": {},
+                    "observers": {n: o for n, o in self.observers.items() if n == loop.control.feedback or n in loop.watching},
+                    "faults": self.faults if loop.faults else (),
+                }
+            )
+            for name, loop in self.loops.items()
+        }
 
 
 def names() -> list[str]:
@@ -193,7 +253,7 @@ def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = N
     try:
         return Scenario.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:
-        raise BadInput(f"{label}: {first_complaint(invalid, data)}") from None
+        raise BadInput(f"{label}: {first_complaint(invalid, data, Scenario)}") from None
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -225,44 +285,3 @@ def _element(items: list[Any], part: str, key: str) -> Any:
     if not part.isdigit() or int(part) >= len(items):
         raise BadInput(f"--set {key}: {part!r} must be a number from 0 to {len(items) - 1}")
     return items[int(part)]
-
-
-def first_complaint(invalid: ValidationError, data: dict[str, Any]) -> str:
-    """One line on the first key that is wrong; where a value may be of several kinds, what each would need."""
-    errors = invalid.errors()
-    key = ".".join(_path_in_file(errors[0]["loc"], data))
-    messages = [_message(error) for error in errors if ".".join(_path_in_file(error["loc"], data)) == key]
-    given = errors[0]["input"]
-    shown = f" (got {given!r})" if isinstance(given, str | int | float | list | tuple) and "got" not in messages[0] else ""
-    return (f"{key}: " if key else "") + ", or ".join(dict.fromkeys(messages)) + shown
-
-
-def _message(error: ErrorDetails) -> str:
-    last = error["loc"][-1] if error["loc"] else ""
-    if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(last), _all_keys(), n=1)
-        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
-    if error["type"] == "missing":
-        return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
-    text = error["msg"].removeprefix("Value error, ")
-    return text[:1].lower() + text[1:]
-
-
-def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
-    """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
-    node = data
-    for number, part in enumerate(location):
-        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int) and part < len(node)
-        if inside:
-            yield str(part)
-            node = node[part]
-        elif number == len(location) - 1 and isinstance(node, dict):
-            yield str(part)
-
-
-def _all_keys() -> list[str]:
-    found: set[str] = set()
-    schema = Scenario.model_json_schema()
-    for block in [schema, *schema.get("$defs", {}).values()]:
-        found |= set(block.get("properties", {}))
-    return sorted(found)

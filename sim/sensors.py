@@ -29,6 +29,7 @@ class SensorSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     attitude_noise_rad: NonNegative = Field(4e-4, description="standard deviation of a small rotation about each body axis")
+    attitude_resolution_rad: NonNegative = Field(0.0, description="least step of a reading's rotation vector from N; 0: none")
     gyro_noise_rad_s: NonNegative = Field(1.7320508e-3, description="standard deviation of a reading, each axis")
     gyro_bias_rad_s: NonNegative = Field(4.8e-5, description="standard deviation of the bias at the start, each axis")
     gyro_bias_walk_rad_s_sqrt_s: NonNegative = Field(2e-6, description="random walk of the bias")
@@ -50,18 +51,23 @@ class SensorSettings(BaseModel):
     def variances(self) -> tuple[float, float, float]:
         """Variance of a reading: small rotation about an axis (rad2), rate (rad2/s2), wheel speed (rad2/s2), resolution included."""
         return (
-            self.attitude_noise_rad**2,
+            self.attitude_noise_rad**2 + self.attitude_resolution_rad**2 / 12.0,
             self.gyro_noise_rad_s**2 + self.gyro_resolution_rad_s**2 / 12.0,
             self.wheel_noise_rad_s**2 + self.wheel_step_rad_s**2 / 12.0,
         )
 
 
 # `bench`: what a well set-up NACS would read. `paper`: the variances that the paper takes for its R, as if they were the sensors' own.
+# `wmap`: R of Hill et al. (2021, table I) as white noise, wheel speeds exact.
 # `vn100`: datasheet densities over a 5 Hz bandwidth. Sources in docs/parameters.md.
 SENSOR_SETS: dict[str, SensorSettings] = {
     "bench": SensorSettings(),
     "paper": SensorSettings(attitude_noise_rad=2 * 3e-6**0.5, gyro_noise_rad_s=3e-6**0.5, wheel_noise_rad_s=2.42e-3**0.5 * 2000 * RPM / 4),
     "vn100": SensorSettings(attitude_noise_rad=4e-4, gyro_noise_rad_s=6.1e-5 * 5**0.5, wheel_noise_rad_s=0.5),
+    "wmap": SensorSettings(
+        attitude_noise_rad=2 * 5e-7**0.5, gyro_noise_rad_s=5e-7**0.5, gyro_bias_rad_s=0, gyro_bias_walk_rad_s_sqrt_s=0,
+        gyro_resolution_rad_s=0, wheel_noise_rad_s=0, wheel_bits=0, wheel_full_scale_rad_s=1e4,
+    ),
     "ideal": SensorSettings(
         attitude_noise_rad=0, gyro_noise_rad_s=0, gyro_bias_rad_s=0, gyro_bias_walk_rad_s_sqrt_s=0,
         gyro_resolution_rad_s=0, wheel_noise_rad_s=0, wheel_bits=0,
@@ -73,6 +79,7 @@ class SensorArrays(NamedTuple):
     """Settings of each trial, (trials, 1)."""
 
     attitude_noise_rad: Array
+    attitude_resolution_rad: Array
     gyro_noise_rad_s: Array
     gyro_bias_rad_s: Array
     gyro_bias_walk_rad_s_sqrt_s: Array
@@ -156,6 +163,9 @@ class Sensors:
             bias = faults.sensor_bias[tick]
             turn, rate, wheel = turn + bias[:, :3], rate + bias[:, 3:6], wheel + bias[:, 6:]
         attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), state[:, :4])
+        if s.attitude_resolution_rad.any():
+            stepped = quaternion.from_rotation_vector(_quantize(quaternion.to_rotation_vector(attitude), s.attitude_resolution_rad))
+            attitude = np.where(s.attitude_resolution_rad > 0.0, stepped, attitude)
         rate = np.clip(_quantize(rate, s.gyro_resolution_rad_s), -s.gyro_range_rad_s, s.gyro_range_rad_s)
         wheel = np.clip(_quantize(wheel, s.wheel_step_rad_s), -s.wheel_full_scale_rad_s, s.wheel_full_scale_rad_s)
         reading = np.concatenate([attitude, rate, wheel], axis=-1)

@@ -41,6 +41,7 @@ class Curve(NamedTuple):
     width: float = 1.5
     sigma: Array | None = None  # (ticks, lines), drawn as a band
     dots: bool = False
+    aggregation: str | None = None  # of values that share a pixel; None: as the viewer likes
 
 
 def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: str | None) -> Iterator[Curve]:
@@ -80,8 +81,9 @@ def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: 
         yield Curve(f"attitude/error/{part}", (f"{name} [mrad]",), (colour,), np.linalg.norm(error, axis=-1, keepdims=True), width)
         rate = np.degrees(mean[:, 4:7] - omega)
         yield Curve(f"rate/error/{part}", (f"{name} [deg/s]",), (colour,), np.linalg.norm(rate, axis=-1, keepdims=True), width)
-        spin = RPM * (mean[:, 7:] - speed)
-        yield Curve(f"wheels/error/{part}", (f"{name} [rpm]",), (colour,), np.linalg.norm(spin, axis=-1, keepdims=True), width)
+        if mean.shape[-1] > 7:  # else the wheel speeds are read, not estimated
+            spin = RPM * (mean[:, 7:] - speed)
+            yield Curve(f"wheels/error/{part}", (f"{name} [rpm]",), (colour,), np.linalg.norm(spin, axis=-1, keepdims=True), width)
         if one:
             sigma = get.get(f"{name}/sigma")
             yield Curve("attitude/error_axes", xyz("", "mrad"), AXES, error, 1.2, None if sigma is None else 1e3 * sigma[:, :3])
@@ -91,17 +93,35 @@ def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: 
             yield Curve(f"consistency/nees/{part}", (f"NEES {name} [-]",), (colour,), get[f"{name}/nees"][:, None], 1.2)
         if limits := recording.thresholds[name]:
             value = np.stack([get[f"{name}/statistic"], *(np.full(len(state), limit) for limit in limits)], axis=-1)
-            lines = (f"smoothed NIS {name} [-]", f"declares above {limits[0]:.0f} [-]", f"withdraws below {limits[1]:.0f} [-]")
+            what = "P(fault)" if name in modal(recording.thresholds) else "smoothed NIS"
+            on, off = (f"{limit:.0f}" if limit > 1.0 else f"{limit:g}" for limit in limits)
+            lines = (f"{what} {name} [-]", f"declares above {on} [-]", f"withdraws below {off} [-]")
             yield Curve(f"consistency/statistic/{part}", lines, (colour, ALERT, HEALTHY), value)
-    for name, dof in (("nis", float(state.shape[1])), ("nees", float(state.shape[1] - 1))):
+        if f"{name}/modes" in get:
+            modes = get[f"{name}/modes"]
+            shades = (REFERENCE, *(wheel(i) for i in range(modes.shape[-1] - 1)))
+            yield Curve(f"modes/{part}", tuple(f"mode {i + 1} [-]" for i in range(modes.shape[-1])), shades, modes)
+    size = get[f"{shown}/mean"].shape[-1] if shown else state.shape[-1]
+    read = innovation_size(recording, shown) if shown else size
+    for name, dof in (("nis", read), ("nees", size - 1)):  # the quaternion has a component too many
         limits = chi2.ppf([0.025, 0.975], dof)
         bounds = (f"2.5 % of chi-square, {dof:.0f} dof [-]", f"97.5 % of chi-square, {dof:.0f} dof [-]")
         yield Curve(f"consistency/{name}_band", bounds, (REFERENCE,) * 2, np.tile(limits, (len(state), 1)), 1.0)
 
 
+def innovation_size(recording: Recording, observer: str) -> int:
+    """Degrees of freedom of an observer's NIS while nothing is missing."""
+    return int(np.nanmax(recording.channels[f"{observer}/dof"], initial=0.0)) or recording.channels[f"{observer}/mean"].shape[-1]
+
+
 def hybrids(thresholds: dict[str, tuple[float, float] | None]) -> tuple[str, ...]:
     """Observers that declare faults."""
     return tuple(name for name, limits in thresholds.items() if limits)
+
+
+def modal(thresholds: dict[str, tuple[float, float] | None]) -> tuple[str, ...]:
+    """Observers with probabilities of modes: what they compare with their thresholds is a probability, so these are below one."""
+    return tuple(name for name, limits in thresholds.items() if limits and limits[0] < 1.0)
 
 
 def lanes(recording: Recording) -> dict[str, list[tuple[int, str]]]:

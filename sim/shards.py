@@ -29,17 +29,17 @@ class Shard:
     Attributes:
       trials: their numbers, (trials,).
       metrics: one value a trial each.
-      recording: of the trials that were to be recorded; of the failed one after a failure.
+      recordings: of every closed loop, by name: the trials that were to be recorded; the failed one after a failure.
       failure: what went wrong.
     """
 
     trials: NDArray[np.int64]
     metrics: list[Metric]
-    recording: Recording | None
+    recordings: dict[str, Recording]
     failure: str | None = None
 
 
-Progress = Callable[[int], None]
+Progress = Callable[[float], None]
 
 
 def cut(trials: NDArray[np.int64], workers: int) -> list[NDArray[np.int64]]:
@@ -61,15 +61,22 @@ def simulate(
     With a `campaign` each trial's plant, sensors, faults and start are those that it draws there.
     """
     variants = draw(campaign, scenario, trials).variants if campaign else None
-    system = build(scenario, trials, guests, variants)
-    try:
-        recording = run(system, on_tick)
-    except SimulationFailed as failure:
-        kept = failure.recording
-        where = np.flatnonzero(trials == failure.trial)
-        return Shard(trials, [], kept.select(where) if kept is not None and kept.ticks else None, str(failure))
     keep = np.flatnonzero(np.isin(trials, recorded))
-    return Shard(trials, evaluate(recording, system.plant.assembly), recording.select(keep) if len(keep) else None)
+    metrics: list[Metric] = []
+    recordings: dict[str, Recording] = {}
+    for name, single in scenario.singles().items():
+        system = build(single, trials, guests, variants)
+        try:
+            recording = run(system, on_tick)
+        except SimulationFailed as failure:
+            kept = failure.recording
+            where = np.flatnonzero(trials == failure.trial)
+            text = str(failure) if name == "loop" else f"loop {name}: {failure}"
+            return Shard(trials, [], {name: kept.select(where)} if kept is not None and kept.ticks else {}, text)
+        metrics += evaluate(recording, system.plant.assembly, name, single)
+        if len(keep):
+            recordings[name] = recording.select(keep)
+    return Shard(trials, metrics, recordings)
 
 
 def simulate_all(
@@ -83,11 +90,12 @@ def simulate_all(
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Iterator[Shard]:
     """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
+    loops = len(scenario.singles())
     if workers == 1:
         for number, block in enumerate(blocks):
 
             def tick(k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
-                progress(size)
+                progress(size / loops)
                 if on_tick and first:
                     on_tick(k, recorder)
 
@@ -104,11 +112,11 @@ def simulate_all(
         stop(pool)
 
 
-def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], Recording | None]:
+def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], dict[str, Recording]]:
     """Trials in order, with their metrics and recordings, of shards that finished in any order."""
     shards = sorted((s for s in shards if s.metrics), key=lambda s: int(s.trials[0]))
     if not shards:
-        return np.zeros(0, dtype=np.int64), [], None
+        return np.zeros(0, dtype=np.int64), [], {}
     rows: dict[tuple[str, str, str, str], list[tuple[int, NDArray[np.floating]]]] = {}
     for number, shard in enumerate(shards):
         for metric in shard.metrics:
@@ -119,5 +127,8 @@ def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], Recordin
         # a phase that no trial of a shard has is no number there
         values = [found.get(number, np.full(len(shard.trials), np.nan)) for number, shard in enumerate(shards)]
         metrics.append(Metric(*key, np.concatenate(values)))
-    recordings = [s.recording for s in shards if s.recording is not None]
-    return np.concatenate([s.trials for s in shards]), metrics, Recording.join(recordings) if recordings else None
+    parts_of: dict[str, list[Recording]] = {}
+    for shard in shards:
+        for name, recording in shard.recordings.items():
+            parts_of.setdefault(name, []).append(recording)
+    return np.concatenate([s.trials for s in shards]), metrics, {name: Recording.join(parts) for name, parts in parts_of.items()}

@@ -11,8 +11,9 @@ from rich.table import Table
 
 from estimation.consistency import average_bounds
 from sim.metrics import STATES
+from sim.references import EulerRates
 from sim.results import Row
-from sim.scenario import Published
+from sim.scenario import Published, Scenario
 
 # metric, heading, factor
 _ESTIMATORS = (
@@ -42,6 +43,20 @@ _LOOP = (
     ("peak_wheel_speed", "peak wheel speed", "rpm", 60 / (2 * np.pi)),
     ("saturated_time_s", "saturated", "s", 1.0),
     ("missing_readings", "missing readings", "", 1.0),
+)
+
+
+_ANGLES = tuple((f"rmse_{name}_deg", name, 1.0) for name in ("phi", "theta", "psi", "body"))
+_TRACKING = (("tracking_error_deg", "tracking\ndeg", 1.0),)
+_PHASES = ("nominal", "fault", "recovery")
+_DETECTION = (
+    ("detection_delay_s", "all", "delay\ns", 1.0),
+    ("false_alarm_fraction", "all", "false\nalarm\n%", 100.0),
+    ("missed_fraction", "all", "missed\n\n%", 100.0),
+    ("mode_fault_mean", "nominal", "mode\nbefore", 1.0),
+    ("mode_fault_mean", "fault", "mode\nfault", 1.0),
+    ("rmse_truth_rate", "all", "rate\nerror\n1e-3", 1e3),
+    ("lost_definiteness", "all", "repairs", 1.0),
 )
 
 
@@ -144,3 +159,53 @@ def loop(rows: list[Row]) -> str:
     found = _lookup(rows, "all")
     parts = [f"{label} {_number(factor * found['loop', metric])} {unit}".rstrip() for metric, label, unit, factor in _LOOP]
     return "Loop: " + ", ".join(parts)
+
+
+def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
+    """Several closed loops on the same trials: how they track before, in and after the faults, and what they know of them."""
+    published = scenario.published
+    printed = published.values if published else {}
+    found = {(row.subject, row.metric, row.phase): row.mean for row in rows}
+    names, phases = list(scenario.loops), [p for p in ("all", *_PHASES) if any(row.phase == p for row in rows)]
+    columns = _ANGLES if isinstance(scenario.reference, EulerRates) else _TRACKING
+    out = []
+    for phase in phases[1:] or phases:
+        kept = [c for c in columns if any((name, c[0], phase) in found for name in names)]
+        if not kept:
+            continue
+        table = _table(
+            f"Tracking error by the truth, RMSE in deg, phase {phase}" + (f": twin and [cyan]{published.source}[/]" if published else "")
+        )
+        table.add_column("loop", overflow="fold")
+        for _, heading, _ in kept:
+            table.add_column(heading, justify="right", no_wrap=True)
+        for name in names:
+            if (name, kept[0][0], phase) in found:
+                table.add_row(name, *(_beside(found, printed, name, metric, phase, factor) for metric, _, factor in kept))
+        out.append(table)
+    table = _table("Effort over the whole run, RMS a body axis in N m", f"means over {trials} trials")
+    table.add_column("loop", overflow="fold")
+    for axis in "xyz":
+        table.add_column(axis, justify="right", no_wrap=True)
+    for name in names:
+        table.add_row(name, *(_beside(found, printed, name, f"effort_rms_{axis}", "all", 1.0) for axis in "xyz"))
+    out.append(table)
+    shown = [c for c in _DETECTION if any((name, c[0], c[1]) in found for name in names)]
+    table = _table(
+        "What the loop's observer knows", "mode: mean probability that the wheels are faulty; rate error: sum of RMSE against the truth"
+    )
+    table.add_column("loop", overflow="fold")
+    for _, _, heading, _ in shown:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name in names:
+        values = [(found.get((name, metric, phase)), factor) for metric, phase, _, factor in shown]
+        table.add_row(name, *(_number(None if value is None else factor * value) for value, factor in values))
+    return [*out, table]
+
+
+def _beside(
+    found: dict[tuple[str, str, str], float], printed: dict[str, dict[str, float]], name: str, metric: str, phase: str, factor: float
+) -> str:
+    """A number, and the printed one in colour if there is any."""
+    value, paper = found.get((name, metric, phase)), printed.get(name, {}).get(metric if phase == "all" else f"{metric}@{phase}")
+    return _number(None if value is None else factor * value) + (f" [cyan]{_number(factor * paper):>5}[/]" if paper is not None else "")

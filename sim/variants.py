@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.nacs import NacsParameters
 from sim.faults import Fault
 from sim.plant import Dispersion
+from sim.plants import Parameters
 from sim.scenario import Scenario, StartSettings
 from sim.sensors import SensorSettings
 
@@ -33,7 +33,7 @@ DISPERSIBLE = (
 class Variants(NamedTuple):
     """One entry a trial."""
 
-    plants: Sequence[NacsParameters]
+    plants: Sequence[Parameters]
     sensors: Sequence[SensorSettings]
     faults: Sequence[tuple[Fault, ...]]
     starts: Sequence[StartSettings]
@@ -57,7 +57,7 @@ class Variants(NamedTuple):
         """A parameter of all trials' plants, (trials, ...)."""
         return np.array([getattr(plant, name) for plant in self.plants], dtype=float)
 
-    def dispersion(self, compiled: NacsParameters) -> Dispersion | None:
+    def dispersion(self, compiled: Parameters) -> Dispersion | None:
         """What the plant must be told, or None if all trials have the plant that was compiled."""
         if all(plant is compiled for plant in self.plants):
             return None

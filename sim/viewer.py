@@ -17,8 +17,8 @@ FRAMES_PER_TICK = 6
 
 
 def fly(scenario: Scenario) -> None:
-    """Fly trial 0 in a window until the run or the window ends; motion between ticks is interpolated for the eye alone."""
-    system = build(scenario, np.zeros(1, dtype=np.int64))
+    """Fly trial 0 of the first loop in a window until the run or the window ends; motion between ticks is interpolated."""
+    system = build(next(iter(scenario.singles().values())), np.zeros(1, dtype=np.int64))
     model = system.plant.assembly.scene
     data = mujoco.MjData(model)
     velocity = np.zeros(model.nv)

@@ -1,0 +1,51 @@
+"""What is wrong with a user's file, as one line that names the key."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+
+def first_complaint(invalid: ValidationError, data: dict[str, Any], model: type[BaseModel]) -> str:
+    """One line on the first key of `data` that is wrong for `model`; where a value may be of several kinds, what each would need."""
+    errors = invalid.errors()
+    key = ".".join(_path_in_file(errors[0]["loc"], data))
+    messages = [_message(error, model) for error in errors if ".".join(_path_in_file(error["loc"], data)) == key]
+    given = errors[0]["input"]
+    shown = f" (got {given!r})" if isinstance(given, str | int | float | list | tuple) and "got" not in messages[0] else ""
+    return (f"{key}: " if key else "") + ", or ".join(dict.fromkeys(messages)) + shown
+
+
+def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
+    last = error["loc"][-1] if error["loc"] else ""
+    if error["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(last), _all_keys(model), n=1)
+        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
+    if error["type"] == "missing":
+        return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
+    text = error["msg"].removeprefix("Value error, ")
+    return text[:1].lower() + text[1:]
+
+
+def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
+    """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
+    node = data
+    for number, part in enumerate(location):
+        inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int) and part < len(node)
+        if inside:
+            yield str(part)
+            node = node[part]
+        elif number == len(location) - 1 and isinstance(node, dict):
+            yield str(part)
+
+
+def _all_keys(model: type[BaseModel]) -> list[str]:
+    found: set[str] = set()
+    schema = model.model_json_schema()
+    for block in [schema, *schema.get("$defs", {}).values()]:
+        found |= set(block.get("properties", {}))
+    return sorted(found)
