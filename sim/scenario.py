@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from models.assembly import ImpossibleInertia
 from sim.closed_loop_identification import IdentificationSettings
 from sim.complaints import first_complaint
-from sim.control_settings import ControlSettings, ModeWeightedSettings
+from sim.control_settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
 from sim.faults import Fault, earliest_start, latest_end
 from sim.observer_settings import TUNINGS, Imm, ObserverSettings, Tuning
 from sim.plants import NacsPlant, PlantSettings, complain_of_masses
@@ -166,6 +166,10 @@ class Scenario(_Section):
                     raise ValueError(f"{where}.{key}: {len(gains)} gains for the {modes} modes of {loop.feedback}; give one a mode, or one")
             if isinstance(loop.allocation, ModeWeightedSettings) and not isinstance(observer, Imm):
                 raise ValueError(f"{where}.allocation: mode-weighted needs the mode probabilities of an observer of type imm as feedback")
+        if self.identification is not None:
+            for key, name in (("adaptive", self.identification.adaptive), ("nominal", self.identification.nominal)):
+                if name not in self.loops or not isinstance(self.loops[name].control, UnfalsifiedSettings):
+                    raise ValueError(f"identification.{key}: no loop {name!r} with a control of type unfalsified")
         for name, settings in self.loops.items():
             if absent := [watching for watching in settings.watching if watching not in self.observers]:
                 raise ValueError(f"loops.{name}.watching: no observer {absent[0]!r}; there are {', '.join(self.observers)}")

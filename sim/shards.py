@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.antenna_study import Controllers, identified, judge
 from sim.build import build
 from sim.campaign import Campaign, draw
 from sim.engines import processes, stop
@@ -64,6 +65,7 @@ def simulate(
     keep = np.flatnonzero(np.isin(trials, recorded))
     metrics: list[Metric] = []
     recordings: dict[str, Recording] = {}
+    controllers: dict[str, Controllers] = {}
     for name, single in scenario.singles().items():
         system = build(single, trials, guests, variants)
         try:
@@ -74,8 +76,20 @@ def simulate(
             text = str(failure) if name == "loop" else f"loop {name}: {failure}"
             return Shard(trials, [], {name: kept.select(where)} if kept is not None and kept.ticks else {}, text)
         metrics += evaluate(recording, system.plant.assembly, name, single)
+        more, flown = judge(system, recording, name, single.law)
+        metrics += more
+        if flown is not None:
+            controllers[name] = flown
         if len(keep):
             recordings[name] = recording.select(keep)
+    if scenario.identification:
+        try:
+            more, findings = identified(scenario, controllers, lambda single: build(single, trials, guests, variants))
+        except SimulationFailed as failure:
+            return Shard(trials, [], recordings, f"identification: {failure}")
+        metrics += more
+        if (adaptive := recordings.get(scenario.identification.adaptive)) is not None:
+            recordings[scenario.identification.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
     return Shard(trials, metrics, recordings)
 
 
