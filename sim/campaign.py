@@ -111,10 +111,29 @@ def load(path: Path) -> Campaign:
             base = campaign.at(point)
         except BadInput as wrong:
             raise BadInput(f"{path}: {wrong}") from None
-        if not isinstance(base.plant, NacsPlant) or base.loops:
-            raise BadInput(f"{path}: scenario = {campaign.scenario!r}: a campaign needs a testbed (plant.type = 'nacs') with one [control]")
-        _check_dispersion(campaign, base, path)
+        (_check_dispersion if batched(base) else _check_alone)(campaign, base, path)
     return campaign
+
+
+def batched(base: Scenario) -> bool:
+    """Whether trials that differ are flown as one batch; otherwise each is flown alone, and any key of the scenario may be dispersed."""
+    return isinstance(base.plant, NacsPlant) and not base.loops
+
+
+def picked(campaign: Campaign, trial: int) -> dict[str, float]:
+    """What a trial that is flown alone draws, by scenario key."""
+    share = _shares(campaign, np.array([trial]))[0]
+    return {key: d.quantile(float(s)) for (key, d), s in zip(campaign.dispersion.items(), share, strict=True)}
+
+
+def _check_alone(campaign: Campaign, base: Scenario, path: Path) -> None:
+    """Every key must exist, and the scenario be possible at the middle of all distributions."""
+    for key, distribution in campaign.dispersion.items():
+        where = f"{path}: dispersion.{key}"
+        try:
+            scenarios.check(base.model_dump(mode="json", exclude_none=True), where, {key: distribution.quantile(0.5)})
+        except BadInput as wrong:
+            raise BadInput(str(wrong).replace(f"--set {key}", where)) from None
 
 
 def is_campaign(name: str) -> bool:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from models import quaternion
 from sim.build import build
-from sim.campaign import Campaign, Drawn, draw
+from sim.campaign import Campaign, batched, draw, picked
 from sim.loop import run
 from sim.metrics import Metric, evaluate
 from sim.plant import SimulationFailed
 from sim.recording import Recording
-from sim.scenario import Scenario
+from sim.scenario import BadInput, Scenario, check
+from sim.shards import simulate
 
 Array = NDArray[np.floating]
 
@@ -50,6 +51,8 @@ def fly(job: Job) -> Tables:
     """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
     campaign, scenario = Campaign.model_validate_json(job.campaign), Scenario.model_validate_json(job.scenario)
     trials = np.arange(job.start, job.stop)
+    if not batched(scenario):
+        return _fly_alone(job, campaign, scenario, trials)
     drawn = draw(campaign, scenario, trials)
     alive, failures = np.arange(len(trials)), dict[int, str]()
     recording: Recording | None = None
@@ -65,8 +68,33 @@ def fly(job: Job) -> Tables:
             failures[failure.trial] = str(failure)
             alive = alive[trials[alive] != failure.trial]
     kept = [m for m in found if any(fnmatch(m.metric, pattern) for pattern in campaign.metrics)]
-    metrics = _tidy(job.point, campaign, trials, drawn, trials[alive], kept, failures)
+    metrics = _tidy(job.point, campaign, trials, drawn.values, drawn.redrawn, trials[alive], kept, failures)
     return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
+
+
+def _fly_alone(job: Job, campaign: Campaign, scenario: Scenario, trials: NDArray[np.int64]) -> Tables:
+    """Simulate each trial as a scenario of its own; there are no bands, since loops have no observers in common."""
+    values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
+    nobody = np.zeros(0, dtype=np.int64)
+    for trial in trials:
+        drawn = picked(campaign, int(trial))
+        values.append(list(drawn.values()))
+        try:
+            own = check(scenario.model_dump(mode="json", exclude_none=True), f"trial {trial}", dict(drawn))
+        except BadInput as impossible:
+            failures[int(trial)] = str(impossible)
+            continue
+        shard = simulate(own, np.array([trial]), nobody)
+        if shard.failure:
+            failures[int(trial)] = shard.failure
+        for metric in shard.metrics:
+            if any(fnmatch(metric.metric, pattern) for pattern in campaign.metrics):
+                found.setdefault(metric[:4], {})[int(trial)] = float(metric.values[0])
+    alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
+    metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
+    drawn_values = np.array(values).reshape(len(trials), -1)
+    rows = _tidy(job.point, campaign, trials, drawn_values, np.zeros(len(trials), dtype=np.int64), alive, metrics, failures)
+    return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
 
 
 METRIC_SCHEMA = pa.schema(
@@ -88,7 +116,8 @@ def _tidy(
     point: int,
     campaign: Campaign,
     trials: NDArray[np.int64],
-    drawn: Drawn,
+    drawn: Array,
+    redrawn: NDArray[np.int64],
     alive: NDArray[np.int64],
     metrics: list[Metric],
     failures: dict[int, str],
@@ -98,9 +127,9 @@ def _tidy(
     place = {int(trial): i for i, trial in enumerate(alive)}
     rows: list[tuple[int, str, str, str, str, float, str | None]] = []
     for i, trial in enumerate(int(t) for t in trials):
-        rows += [(trial, "draw", key, "all", "", float(v), None) for key, v in zip(campaign.dispersion, drawn.values[i], strict=True)]
-        if drawn.redrawn[i]:
-            rows.append((trial, "draw", "redrawn", "all", "1", float(drawn.redrawn[i]), "impossible plant"))
+        rows += [(trial, "draw", key, "all", "", float(v), None) for key, v in zip(campaign.dispersion, drawn[i], strict=True)]
+        if redrawn[i]:
+            rows.append((trial, "draw", "redrawn", "all", "1", float(redrawn[i]), "impossible plant"))
         reason = failures.get(trial)
         rows.append((trial, "loop", "failed", "all", "1", float(reason is not None), reason))
         if trial in place:

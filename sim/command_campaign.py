@@ -6,7 +6,7 @@ import json
 import resource
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -116,10 +116,11 @@ def _fly(todo: list[Job], store: Store, engine_name: str, workers: int, schedule
 
 def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> None:
     """Merge, summarise, draw and print."""
-    from sim.campaign_report import write_report  # Matplotlib takes half a second to import
+    from sim import campaign_distributions  # Matplotlib takes half a second to import
+    from sim.campaign_report import write_report
     from sim.rerun_campaign import write_bands
 
-    merged = store.merge(jobs)
+    merged, together = store.merge(jobs), campaigns.batched(loaded.at(0))
     rows, points = [], []
     for point, settings in enumerate(loaded.points):
         own = [job for job in jobs if job.point == point]
@@ -128,9 +129,13 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         bands = store.add_up(own, ".bands", ["quantity", "observer", "tick", "bin"], ["count"])
         consistency = ensemble_consistency(store.add_up(own, ".consistency", ["statistic", "observer", "tick"], ["total", "count"]))
         points.append(_point(point, settings, found, consistency))
-        if point == 0:
+        if not together:
+            out.print(campaign_distributions.table(found, points[-1]["failed_trials"], loaded.trials))
+        if point == 0 and together:
             write_report(store.folder / "report.png", loaded, found, points[0])
             write_bands(store.folder / "recording.rrd", loaded, bands, loaded.at(0).run.tick_s)
+        elif point == 0:
+            campaign_distributions.write_report(store.folder / "report.png", loaded, found)
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
     content = {
         "campaign": loaded.title,
@@ -144,14 +149,15 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         "rows": rows,
     }
     (store.folder / "summary.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    for number, said in enumerate(points):
+    for number, said in enumerate(points if together else []):
         out.print(tables.campaign([row for row in rows if row["point"] == number], said))
     flown = len(loaded.points) * loaded.trials
     out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB\nReport     {store.folder / 'report.png'}")
-    out.print(f"Recording  {store.folder / 'recording.rrd'}\nOpen it    {how_to_open(store.folder / 'recording.rrd')}")
+    if together:
+        out.print(f"Recording  {store.folder / 'recording.rrd'}\nOpen it    {how_to_open(store.folder / 'recording.rrd')}")
 
 
-def _point(point: int, settings: dict[str, object], found: list[Distribution], consistency: list[dict[str, object]]) -> dict[str, object]:
+def _point(point: int, settings: dict[str, object], found: list[Distribution], consistency: list[dict[str, object]]) -> dict[str, Any]:
     """What a point of the grid says beyond its metrics."""
     metrics = ("rmse_truth_quaternion", "rmse_truth_rate")
     hybrids = [d.subject for d in found if d.metric == "peak_statistic" and d.phase == "all"]
