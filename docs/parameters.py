@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.flexible import FLEXIBLE_SETS, FlexibleParameters
+from models.freeflyer import FreeflyerParameters
 from models.nacs import NacsParameters
 from sim.sensors import SENSOR_SETS, SensorSettings
 
 PROVENANCE = {  # of the values of set `bench`
     "attitude_noise_rad": "chosen: 0.023 deg, an attitude filter at rest",
+    "attitude_resolution_rad": "chosen: off",
     "gyro_noise_rad_s": "published (sec. 5): variance 3e-6 rad2/s2",
     "gyro_bias_rad_s": "datasheet (VN-100): in-run bias 10 deg/h",
     "gyro_bias_walk_rad_s_sqrt_s": "chosen: 2e-5 rad/s in 100 s",
@@ -26,15 +29,24 @@ PLANT = NacsParameters()
 MOMENTS = ", ".join(f"{moment:.6f}" for moment in np.linalg.eigvalsh(PLANT.inertia))
 CORNER = (PLANT.supply_voltage_v - PLANT.drive_current_a * PLANT.winding_resistance_ohm) / PLANT.motor_constant_nm_a
 PLANT_ROWS = "\n".join(f"| `{name}` | {value} | {unit} | {meaning} | {source} |" for name, value, unit, meaning, source in PLANT.table())
+PROBE_ROWS = "\n".join(
+    f"| `{name}` | {value} | {unit} | {meaning} | {source} |" for name, value, unit, meaning, source in FreeflyerParameters().table()
+)
+FLEXIBLE = {name: FlexibleParameters.model_validate({"set": name}) for name in FLEXIBLE_SETS}
+FLEXIBLE_ROWS = "\n".join(
+    f"| `{name}` | {' | '.join(str(getattr(row, name)) for row in FLEXIBLE.values())} | {unit} | {meaning} | {source} |"
+    for name, _, unit, meaning, source in FLEXIBLE["boeing702"].table()
+    if name != "set"
+)
 SENSOR_ROWS = "\n".join(
-    f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} | {PROVENANCE[name]} |"
+    f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} | {PROVENANCE.get(name, 'chosen: off')} |"
     for name, info in SensorSettings.model_fields.items()
 )
 
 MARKDOWN = f"""\
 # Parameters
 
-Printed by `docs/parameters.py` from the tables in `models/nacs.py` and `sim/sensors.py`: change a number there, not here. Every key can
+Printed by `docs/parameters.py` from the tables in `models/` and `sim/sensors.py`: change a number there, not here. Every key can
 be set in a scenario (`[plant]`, `[sensors]`) or by `--set plant.mass_kg=3.4`; keys carry their unit. *Published*: McCafferty-Leroux et
 al. 2024. *Datasheet*: see the sources below. *Chosen*: unpublished, set once to a sensible value; conclusions must not hinge on it.
 
@@ -54,6 +66,22 @@ What follows from them:
 | speed up to which the torque limit holds | {CORNER:.1f} rad/s | (usable voltage - current x resistance) / motor constant |
 | momentum of a wheel at no-load speed | {PLANT.wheel_inertia_kg_m2 * PLANT.no_load_speed:.5f} N m s | J_w x no-load speed |
 | step of the torque set-point | {2e6 * PLANT.torque_limit / 2**PLANT.command_bits:.2f} uN m | twice the torque limit / 2^bits |
+
+## The probe (`type = "freeflyer"`)
+
+*Published* here: Hill, Gadsden & Biglarbegian 2021.
+
+| key | value | unit | meaning | provenance |
+|---|---|---|---|---|
+{PROBE_ROWS}
+
+## The flexible spacecraft (`type = "flexible"`)
+
+`set` names the column; any key can be given besides.
+
+| key | {" | ".join(f"`{name}`" for name in FLEXIBLE)} | unit | meaning | provenance |
+|---|{"---|" * len(FLEXIBLE)}---|---|---|
+{FLEXIBLE_ROWS}
 
 ## Sensors
 

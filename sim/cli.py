@@ -8,6 +8,7 @@ import sys
 import typer
 from rich.table import Table
 
+from sim import families
 from sim import scenario as scenarios
 from sim.command_campaign import campaign
 from sim.command_crosscheck import crosscheck
@@ -35,7 +36,7 @@ def list_scenarios() -> None:
     table.add_column("name", no_wrap=True, style="bold")
     table.add_column("what it shows, and where it comes from")
     for name in scenarios.names():
-        found = scenarios.load(name)
+        found = families.load(name, {})
         table.add_row(name, f"{found.title} [dim]({found.source})[/]")
     out.print(table)
 

@@ -11,8 +11,8 @@ import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sim import antenna_tables, command_family, families, tables
 from sim import campaign as campaigns
-from sim import tables
 from sim.build import build
 from sim.campaign import Campaign
 from sim.guests import Guests
@@ -56,6 +56,12 @@ def run(
     ] = False,
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
+    if (family := families.family_of(name)) is not None:
+        if observers or controller or export_log or live or point:
+            raise BadInput(f"{name} is of several agents; --observer, --controller, --export-log, --live and --point are for one body")
+        changes = command_family.changes_of(overrides, trials, seed)
+        command_family.run(family, command_family.Asked(name, changes, folder, workers, only_trial, record_trials, overwrite))
+        return
     guests = Guests(tuple(observers or ()), controller)
     source = campaigns.load(Path(name)) if campaigns.is_campaign(name) else None
     if source and (only_trial is None or trials or seed or overrides):
@@ -159,7 +165,8 @@ def _write(
     wall: float,
     overwrite: bool,
 ) -> None:
-    from sim import report, report_loops  # Matplotlib and Rerun take a second to import
+    from sim import report, report_antenna, report_loops  # Matplotlib and Rerun take a second to import
+    from sim.antenna_series import is_antenna
     from sim.rerun_loops import write_loops
     from sim.rerun_sink import write_recording
 
@@ -171,7 +178,10 @@ def _write(
     write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics, **guests.described)
     write_trials(target / "trials.parquet", name, seed, finished, metrics)
     configuration = _configuration(loaded, guests)
-    if "loop" in recordings:
+    if recordings and is_antenna(loaded, recordings):
+        report_antenna.write_report(target / "report.png", name, loaded, recordings)
+        write_loops(target / "recording.rrd", name, loaded, recordings, configuration)
+    elif "loop" in recordings:
         recording, assembly = recordings["loop"], compile_plant(loaded.plant)
         report.write_report(target / "report.png", name, loaded.title, recording, _closed_by(loaded, guests))
         write_recording(target / "recording.rrd", name, recording, assembly, loaded.law.feedback, configuration)
@@ -193,7 +203,8 @@ def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric]
     if statistics:
         out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
         if loaded.loops:
-            for table in tables.loops(statistics, loaded, finished):
+            several = antenna_tables.antenna if any(row.metric == "rms_pointing_deg" for row in statistics) else tables.loops
+            for table in several(statistics, loaded, finished):
                 out.print(table)
         else:
             if loaded.published:

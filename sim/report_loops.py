@@ -223,7 +223,10 @@ def _estimate(axes: Axes, several: Several) -> None:
     if high > 0.0:
         axes.set_ylim(top=1.3 * high)  # a filter that starts far off may leave the picture
     axes.set(title=f"Attitude error of the estimate, {_over(several)}", ylabel="error [mdeg]")
-    _plain_log(axes)
+    if any(flight.closing for flight in several):
+        _plain_log(axes)
+    else:
+        axes.text(0.5, 0.5, "no observer closes a loop", transform=axes.transAxes, ha="center", color=QUIET)
 
 
 def _over(several: Several) -> str:

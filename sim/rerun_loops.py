@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
 
+from sim.antenna_series import (
+    PASSED,
+    SHUT,
+    AntennaFlight,
+    antenna_curves,
+    antenna_events,
+    antenna_flights,
+    antenna_lanes,
+    is_antenna,
+)
 from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, events, flights, lanes, torque_unit, window
-from sim.palette import ALERT, CALM, HEALTHY
+from sim.palette import ALERT, CALM, HEALTHY, REFERENCE
 from sim.plants import compile_plant
 from sim.recording import Recording
+from sim.rerun_antenna import AntennaLayout, outlook, pictures
 from sim.rerun_blueprint import blueprint
 from sim.rerun_loops_blueprint import LoopsLayout
 from sim.rerun_loops_scene import TRAIL_SHARE, Stage, camera, log_stage, motion, path_of, stage
@@ -38,9 +50,15 @@ def write_loops(path: Path, name: str, scenario: Scenario, recordings: dict[str,
     numbers = next(iter(recordings.values())).trials
     trials = {}
     for position, number in enumerate(numbers):
-        several = flights(scenario, recordings, position)
-        shown = tuple(curves(several, edges(several), window(several)))
-        trials[f"Trial {number}"] = Trial(f"trial_{number}/" if len(numbers) > 1 else "", several, stage(several, assembly), shown)
+        prefix = f"trial_{number}/" if len(numbers) > 1 else ""
+        if is_antenna(scenario, recordings):
+            mapping = antenna_flights(scenario, recordings, position)
+            shown = (*curves(mapping, edges(mapping), window(mapping)), *antenna_curves(mapping))
+            trials[f"Trial {number}"] = Trial(prefix, mapping, stage(mapping, assembly, outlook(mapping)), shown, mapping)
+        else:
+            several = flights(scenario, recordings, position)
+            shown = tuple(curves(several, edges(several), window(several)))
+            trials[f"Trial {number}"] = Trial(prefix, several, stage(several, assembly), shown)
     with rr.RecordingStream(APPLICATION) as stream:
         stream.save(path, default_blueprint=blueprint({label: layout(trial) for label, trial in trials.items()}))
         describe(stream, name, configuration)
@@ -55,6 +73,7 @@ class Trial(NamedTuple):
     several: tuple[Flight, ...]
     stage: Stage
     curves: tuple[Curve, ...]
+    mapping: tuple[AntennaFlight, ...] = ()  # the same flights, if all are of antenna mapping
 
     @property
     def dt(self) -> float:
@@ -70,8 +89,9 @@ class Trial(NamedTuple):
 def layout(trial: Trial) -> LoopsLayout:
     """What the tabs of one trial are made of."""
     laws = {flight.scenario.law.type: flight.gains for flight in trial.several}
-    titles = {"pd": "PD", "sliding-mode": "Sliding mode"}
-    return LoopsLayout(
+    titles = {"pd": "PD", "sliding-mode": "Sliding mode", "unfalsified": "Unfalsified control"}
+    kind = partial(AntennaLayout, mapped=trial.mapping[0].name, panels=tuple(trial.mapping[0].panels)) if trial.mapping else LoopsLayout
+    return kind(
         prefix=trial.prefix,
         duration_s=trial.duration,
         loops=tuple(flight.name for flight in trial.several),
@@ -99,15 +119,19 @@ def _ranges(trial: Trial) -> dict[str, tuple[float, float]]:
             low, high = np.nanmin(curve.values[first:]), np.nanmax(curve.values[first:])
             if np.nanmax(np.abs(curve.values)) > CROWDED * max(high, -low) > 0.0:
                 ranges[curve.path] = (1.4 * min(float(low), 0.0), 1.4 * float(high))
+        elif trial.mapping and curve.path.startswith("wheels/"):  # the loops' axes alike
+            kind = curve.path.rpartition("/")[0]
+            most = max(float(np.nanmax(np.abs(other.values))) for other in trial.curves if other.path.startswith(kind))
+            ranges[curve.path] = (-1.05 * most, 1.05 * most) if most > 0.0 else (-1.0, 1.0)
         elif curve.path.startswith("gains/"):
             ranges[curve.path] = (0.0, 1.5 * float(np.nanmax(curve.values)))  # room for the legend
     return ranges
 
 
 def _write_trial(stream: Any, trial: Trial, name: str) -> None:
-    prefix, calm = trial.prefix, {"none": CALM, "healthy": HEALTHY}
+    prefix, calm = trial.prefix, {"none": CALM, "healthy": HEALTHY, SHUT: CALM, PASSED: HEALTHY}
     log_stage(stream, prefix, trial.stage, trial.several)
-    for lane, changed in lanes(trial.several).items():
+    for lane, changed in (antenna_lanes(trial.mapping) if trial.mapping else lanes(trial.several)).items():
         ticks, states = zip(*changed, strict=True)
         there = list(dict.fromkeys(states))
         colours = rr.StateConfiguration(values=there, colors=[calm.get(state, ALERT) for state in there])
@@ -121,5 +145,13 @@ def _write_trial(stream: Any, trial: Trial, name: str) -> None:
         time = time_column(trial.dt * np.arange(len(curve.values)))
         stream.log(prefix + entity(curve.path), style(curve), static=True)
         stream.send_columns(prefix + entity(curve.path), [time], columns(curve))
-    ticks, levels, texts = zip(*events(trial.several, name), strict=True)
+    for picture, image, controller in pictures(trial.mapping) if trial.mapping else ():
+        stream.log(prefix + picture, image, static=True)
+        if controller:
+            since, places = controller
+            stream.log(f"{prefix}{picture}/now", rr.Points2D.from_fields(colors=[REFERENCE], radii=rr.Radius.ui_points(6.0)), static=True)
+            stream.send_columns(f"{prefix}{picture}/now", [time_column(trial.dt * since)], rr.Points2D.columns(positions=places))
+    first, *others = events(trial.several, name)
+    happened = [first, *sorted([*others, *antenna_events(trial.mapping)], key=lambda event: event[0])]
+    ticks, levels, texts = zip(*happened, strict=True)
     stream.send_columns(f"{prefix}events", [time_column(trial.dt * np.array(ticks))], rr.TextLog.columns(text=texts, level=levels))

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from models import quaternion
 from models.assembly import Assembly
 from sim.loop_series import Flight
 from sim.palette import AXES, REFERENCE, wheel
@@ -29,6 +30,30 @@ ASPECT = 2.0  # of the 3-D view in the overview
 TRAIL_SHARE = 0.12  # of the run
 
 
+class Outlook(NamedTuple):
+    """From where plants are seen, and what of them is drawn larger than it is.
+
+    Attributes:
+      up: of the picture, in the lab.
+      towards: from the plants to the eye, in the lab, if it were not raised.
+      raised: sine of the eye's elevation above them.
+      margin: around the places of plants, below and above, (2, 3) in sizes of what floats.
+      tip: where the pointer points, in B; None: out of the top.
+      spread: of places, arrows and axes, on their usual size.
+      turns: angle of the floating body drawn per angle from N.
+      bends: angle drawn per angle of a joint that is neither the body's nor a wheel's.
+    """
+
+    up: tuple[float, float, float] = UP
+    towards: tuple[float, float, float] = (0.0, -1.0, 0.0)
+    raised: float = 0.26
+    margin: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.68, 0.0, 0.55), (0.68, 0.0, 0.75))
+    tip: tuple[float, float, float] | None = None
+    spread: float = 1.0
+    turns: float = 1.0
+    bends: float = 1.0
+
+
 class Stage(NamedTuple):
     """Where everything is.
 
@@ -37,21 +62,56 @@ class Stage(NamedTuple):
       places: offset of each loop's plant, (3,) m in the lab.
       stride: ticks from one pose to the next.
       momentum: m drawn per N m s of a wheel.
+      outlook: from where it is seen.
     """
 
     assembly: Assembly
     places: dict[str, Array]
     stride: int
     momentum: float
+    outlook: Outlook = Outlook()
 
     def __str__(self) -> str:
         scale = f"1 N m s = {self.momentum:.2g} m" if self.momentum < 1.0 else f"1 mN m s = {self.momentum:.0f} mm"
-        return f"wheel arrows: {scale}"
+        magnified = [
+            f"{what} x {factor:g}" for what, factor in (("attitude", self.outlook.turns), ("panels", self.outlook.bends)) if factor > 1.0
+        ]
+        return "; ".join([*magnified, f"wheel arrows: {scale}"])
+
+    def turned(self, q: Array) -> Array:
+        """Attitudes (..., 4) as they are drawn."""
+        turns = self.outlook.turns
+        return q if turns == 1.0 else quaternion.from_rotation_vector(turns * quaternion.to_rotation_vector(q))
+
+    def posed(self, qpos: Array) -> Array:
+        """Joint positions (..., nq) as they are drawn."""
+        if self.outlook.turns == self.outlook.bends == 1.0:
+            return qpos
+        model, posed = self.assembly.model, qpos.copy()
+        for joint in (model.joint(number) for number in range(model.njnt)):
+            first, size = int(joint.qposadr[0]), len(joint.qpos0)
+            if joint.name in self.assembly.attitude_joints:
+                where = first + size - 4 + np.array([1, 2, 3, 0])  # scalar last
+                posed[..., where] = self.turned(qpos[..., where])
+            elif joint.name not in self.assembly.wheel_joints:
+                posed[..., first] *= self.outlook.bends
+        return posed
+
+    @property
+    def extent(self) -> float:
+        """Usual size of what is drawn around a plant, m."""
+        return FLOATING * size_of(self.assembly) * self.outlook.spread
+
+    @property
+    def tip(self) -> Array:
+        """Of the pointer, (3,) m in B."""
+        tip = boresight(self.assembly) if self.outlook.tip is None else np.array(self.outlook.tip)
+        return POINTER * self.extent * tip / np.linalg.norm(tip)
 
 
-def stage(several: tuple[Flight, ...], assembly: Assembly) -> Stage:
+def stage(several: tuple[Flight, ...], assembly: Assembly, outlook: Outlook = Outlook()) -> Stage:  # noqa: B008
     """A row of plants for each control law, the next one behind and higher; all turned alike."""
-    extent = FLOATING * size_of(assembly)
+    extent = FLOATING * size_of(assembly) * outlook.spread
     rows: list[list[str]] = []
     for family in sorted({flight.look.family for flight in several}):
         names = [f.name for f in sorted(several, key=lambda f: f.look.variant) if f.look.family == family]
@@ -65,29 +125,31 @@ def stage(several: tuple[Flight, ...], assembly: Assembly) -> Stage:
     stride = max(1, int(np.ceil(ticks / ROWS_MOST)), int(np.ceil(1.0 / (RATE_MOST_HZ * dt) - 1e-9)))
     fastest = max(float(np.max(np.abs(f.channel("truth/state")[:, 7:]), initial=0.0)) for f in several)
     longest = max(fastest * assembly.wheel_inertia, 1e-9)
-    return Stage(assembly, places, stride, ARROW * extent / longest)
+    return Stage(assembly, places, stride, ARROW * extent / longest, outlook)
 
 
 def camera(built: Stage) -> dict[str, Any]:
     """Seen from the front and a little above, from as far as all fit in."""
-    scene, offsets = built.assembly.scene, np.array(list(built.places.values()))
-    extent, home = FLOATING * size_of(built.assembly), np.array(scene.stat.center)
-    low = offsets.min(axis=0) + home - extent * np.array([0.68, 0.0, 0.55])
-    high = offsets.max(axis=0) + home + extent * np.array([0.68, 0.0, 0.75])
+    scene, outlook, offsets = built.assembly.scene, built.outlook, np.array(list(built.places.values()))
+    home, below, above = np.array(scene.stat.center), *(FLOATING * size_of(built.assembly) * np.array(outlook.margin))
+    low, high = offsets.min(axis=0) + home - below, offsets.max(axis=0) + home + above
     half, centre = 0.5 * (high - low), 0.5 * (low + high)
-    distance = max(half[0] / ASPECT, half[2]) / np.tan(HALF_ANGLE) + half[1]
-    position = centre + distance * np.array([0.0, -0.97, 0.26])
-    return {"position": tuple(map(float, position)), "look_target": tuple(map(float, centre)), "eye_up": UP}
+    up, flat = np.array(outlook.up), np.array(outlook.towards)
+    towards = np.sqrt(1.0 - outlook.raised**2) * flat + outlook.raised * up
+    across, upright, deep = (float(np.abs(half @ axis)) for axis in (np.cross(up, flat), up, flat))
+    distance = max(across / ASPECT, upright) / np.tan(HALF_ANGLE) + deep
+    position = centre + distance * towards
+    return {"position": tuple(map(float, position)), "look_target": tuple(map(float, centre)), "eye_up": built.outlook.up}
 
 
 def log_stage(stream: Any, prefix: str, built: Stage, several: tuple[Flight, ...]) -> None:
     """Log once what does not change: every plant's geoms, axes and arrows, and the way that the pointer should go."""
     assembly, scene = built.assembly, built.assembly.scene
-    size, extent = size_of(assembly), FLOATING * size_of(assembly)
+    size, extent = size_of(assembly) * built.outlook.spread, built.extent
     geoms = {
         int(geom): drawn(scene, int(geom)) for geom in visible_geoms(scene) if scene.geom_bodyid[geom]
     }  # not the lab's: it would be there many times
-    pivot, mount, tip = assembly.model.body_pos[floating_body(assembly)], lab_of_N(assembly), _pointer(assembly)
+    pivot, mount, tip = assembly.model.body_pos[floating_body(assembly)], lab_of_N(assembly), built.tip
     stream.log(f"{prefix}world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     for flight in several:
@@ -108,7 +170,7 @@ def log_stage(stream: Any, prefix: str, built: Stage, several: tuple[Flight, ...
             static(f"{part}/momentum", rr.Arrows3D.from_fields(colors=[wheel(number)], radii=size * 0.0075))
         static("reference/axes", triad(1.15 * AXIS * extent, (REFERENCE,) * 3, size * 0.0028))
         static("reference/tip", rr.Points3D([tip], colors=[REFERENCE], radii=size * 0.014))
-        desired = flight.channel("reference/q")[:: built.stride]
+        desired = built.turned(flight.channel("reference/q")[:: built.stride])
         trace = pivot + rotate(to_lab(desired, mount), tip)
         static("reference_trace", rr.LineStrips3D([trace], colors=[(*REFERENCE, 110)], radii=size * 0.002))
         static("trail", rr.Points3D.from_fields(colors=[flight.look.on_dark], radii=size * 0.006))
@@ -119,17 +181,17 @@ def motion(built: Stage, flight: Flight) -> Iterator[tuple[str, NDArray[np.int64
     """Entities of one loop that move: path, ticks of its rows, columns."""
     assembly = built.assembly
     ticks = np.arange(0, flight.recording.ticks, built.stride)
-    truth = diagnose(assembly, flight.channel("truth/qpos")[ticks], flight.channel("truth/qvel")[ticks])
-    root, body, mount, tip = path_of(flight.name), floating_body(assembly), lab_of_N(assembly), _pointer(assembly)
+    truth = diagnose(assembly, built.posed(flight.channel("truth/qpos")[ticks]), flight.channel("truth/qvel")[ticks])
+    root, body, mount, tip = path_of(flight.name), floating_body(assembly), lab_of_N(assembly), built.tip
     pivot = truth.position[:, body]
     for moving in range(1, assembly.model.nbody):
         pose = rr.Transform3D.columns(translation=truth.position[:, moving], quaternion=truth.quaternion[:, moving])
         yield f"{root}/{body_part(assembly, moving)}", ticks, pose
-    desired = to_lab(flight.channel("reference/q")[ticks], mount)
+    desired = to_lab(built.turned(flight.channel("reference/q")[ticks]), mount)
     yield f"{root}/reference", ticks, rr.Transform3D.columns(translation=pivot, quaternion=desired)
     yield f"{root}/trail", ticks, rr.Points3D.columns(positions=pivot + rotate(truth.quaternion[:, body], tip))
     labels = [f"{flight.name}: {angle:.2f} deg off" for angle in flight.angle[ticks]]
-    above = pivot + np.array([0.0, 0.0, ABOVE * FLOATING * size_of(assembly)])
+    above = pivot + ABOVE * built.extent * np.array(built.outlook.up)
     yield f"{root}/label", ticks, rr.Points3D.columns(positions=above, labels=labels)
     for joint, speed in zip(assembly.wheel_joints, flight.channel("truth/state")[ticks, 7:].T, strict=True):
         place = assembly.scene.joint(joint)
@@ -145,8 +207,3 @@ def path_of(loop: str) -> str:
 def body_part(assembly: Assembly, body: int) -> str:
     """A body's part of an entity path; each carries its own pose in the lab."""
     return rr.escape_entity_path_part(assembly.scene.body(body).name)
-
-
-def _pointer(assembly: Assembly) -> Array:
-    tip = boresight(assembly)
-    return POINTER * FLOATING * size_of(assembly) * tip / np.linalg.norm(tip)

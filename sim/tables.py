@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from estimation.consistency import average_bounds
@@ -14,6 +13,7 @@ from sim.metrics import STATES
 from sim.references import EulerRates
 from sim.results import Row
 from sim.scenario import Published, Scenario
+from sim.table_style import number, plain_table
 
 # metric, heading, factor
 _ESTIMATORS = (
@@ -60,26 +60,6 @@ _DETECTION = (
 )
 
 
-def _number(value: float | None) -> str:
-    if value is None:
-        return "[dim]-[/]"
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}" if abs(value) < 1e6 else f"{value:.2e}"
-
-
-def _table(title: str, caption: str | None = None) -> Table:
-    return Table(
-        title=title,
-        caption=caption,
-        box=SIMPLE_HEAD,
-        padding=(0, 0, 0, 1),
-        pad_edge=False,
-        title_justify="left",
-        title_style="bold",
-        caption_justify="left",
-        caption_style="dim",
-    )
-
-
 def _lookup(rows: Iterable[Row], phase: str) -> dict[tuple[str, str], float]:
     return {(row.subject, row.metric): row.mean for row in rows if row.phase == phase}
 
@@ -89,7 +69,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     found = _lookup(rows, "all")
     low, high = average_bounds(10, trials)
     caption = f"means over {trials} trials; consistent NEES and NIS at a tick: {low:.2f} .. {high:.2f} (95 %)"
-    table = _table("Estimators: sums of RMSE against the truth, and consistency", caption)
+    table = plain_table("Estimators: sums of RMSE against the truth, and consistency", caption)
     table.add_column("filter", overflow="fold")
     for metric, heading, _ in _ESTIMATORS:
         table.add_column(heading, justify="right", no_wrap=True)
@@ -99,10 +79,10 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
         cells = []
         for metric, _, factor in _ESTIMATORS:
             value = found.get((name, metric))
-            cells.append(_number(None if value is None else factor * value))
+            cells.append(number(None if value is None else factor * value))
             if published and metric == "rmse_residual_total":
                 printed = published.values.get(name, {}).get(metric)
-                cells.append(_number(None if printed is None else factor * printed))
+                cells.append(number(None if printed is None else factor * printed))
         table.add_row(name, *cells)
     return table
 
@@ -111,7 +91,7 @@ def residuals(rows: list[Row], published: Published) -> Table:
     """The paper's own table, state by state: the twin's residual RMSE and, in colour, the printed one (both 1e-3)."""
     found = _lookup(rows, "all")
     names = [name for name in published.values if (name, "rmse_residual_q1") in found]
-    table = _table(f"Residual RMSE as in {published.source}, 1e-3: twin and [cyan]paper[/]")
+    table = plain_table(f"Residual RMSE as in {published.source}, 1e-3: twin and [cyan]paper[/]")
     table.add_column("state")
     for name in names:
         table.add_column(name, justify="right")
@@ -128,7 +108,7 @@ def residuals(rows: list[Row], published: Published) -> Table:
 def campaign(rows: list[dict[str, Any]], point: dict[str, Any]) -> Table:
     """The metrics of a campaign's point: mean with its interval, and quantiles over trials."""
     settings = ", ".join(f"{key} = {value}" for key, value in point["settings"].items())
-    table = _table("Over the trials" + (f" at {settings}" if settings else ""), _campaign_caption(point))
+    table = plain_table("Over the trials" + (f" at {settings}" if settings else ""), _campaign_caption(point))
     table.add_column("filter", no_wrap=True)
     table.add_column("metric", no_wrap=True)
     for heading in ("mean", "95 % of the mean", "5 %", "median", "95 %"):
@@ -136,9 +116,9 @@ def campaign(rows: list[dict[str, Any]], point: dict[str, Any]) -> Table:
     for row in rows:
         if row["phase"] == "all" and row["metric"] in _CAMPAIGN:
             name, factor = _CAMPAIGN[row["metric"]]
-            interval = f"{_number(factor * row['mean_low'])} .. {_number(factor * row['mean_high'])}"
+            interval = f"{number(factor * row['mean_low'])} .. {number(factor * row['mean_high'])}"
             table.add_row(
-                row["subject"], name, *(_number(factor * row["mean"]), interval), *(_number(factor * row[q]) for q in ("q05", "q50", "q95"))
+                row["subject"], name, *(number(factor * row["mean"]), interval), *(number(factor * row[q]) for q in ("q05", "q50", "q95"))
             )
     return table
 
@@ -157,7 +137,7 @@ def _campaign_caption(point: dict[str, Any]) -> str:
 def loop(rows: list[Row]) -> str:
     """One line on the closed loop."""
     found = _lookup(rows, "all")
-    parts = [f"{label} {_number(factor * found['loop', metric])} {unit}".rstrip() for metric, label, unit, factor in _LOOP]
+    parts = [f"{label} {number(factor * found['loop', metric])} {unit}".rstrip() for metric, label, unit, factor in _LOOP]
     return "Loop: " + ", ".join(parts)
 
 
@@ -173,7 +153,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         kept = [c for c in columns if any((name, c[0], phase) in found for name in names)]
         if not kept:
             continue
-        table = _table(
+        table = plain_table(
             f"Tracking error by the truth, RMSE in deg, phase {phase}" + (f": twin and [cyan]{published.source}[/]" if published else "")
         )
         table.add_column("loop", overflow="fold")
@@ -183,7 +163,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
             if (name, kept[0][0], phase) in found:
                 table.add_row(name, *(_beside(found, printed, name, metric, phase, factor) for metric, _, factor in kept))
         out.append(table)
-    table = _table("Effort over the whole run, RMS a body axis in N m", f"means over {trials} trials")
+    table = plain_table("Effort over the whole run, RMS a body axis in N m", f"means over {trials} trials")
     table.add_column("loop", overflow="fold")
     for axis in "xyz":
         table.add_column(axis, justify="right", no_wrap=True)
@@ -191,7 +171,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         table.add_row(name, *(_beside(found, printed, name, f"effort_rms_{axis}", "all", 1.0) for axis in "xyz"))
     out.append(table)
     shown = [c for c in _DETECTION if any((name, c[0], c[1]) in found for name in names)]
-    table = _table(
+    table = plain_table(
         "What the loop's observer knows", "mode: mean probability that the wheels are faulty; rate error: sum of RMSE against the truth"
     )
     table.add_column("loop", overflow="fold")
@@ -199,7 +179,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         table.add_column(heading, justify="right", no_wrap=True)
     for name in names:
         values = [(found.get((name, metric, phase)), factor) for metric, phase, _, factor in shown]
-        table.add_row(name, *(_number(None if value is None else factor * value) for value, factor in values))
+        table.add_row(name, *(number(None if value is None else factor * value) for value, factor in values))
     return [*out, table]
 
 
@@ -208,4 +188,5 @@ def _beside(
 ) -> str:
     """A number, and the printed one in colour if there is any."""
     value, paper = found.get((name, metric, phase)), printed.get(name, {}).get(metric if phase == "all" else f"{metric}@{phase}")
-    return _number(None if value is None else factor * value) + (f" [cyan]{_number(factor * paper):>5}[/]" if paper is not None else "")
+    beside = f" [cyan]{number(factor * paper):>5}[/]" if paper is not None else 6 * " " if printed else ""
+    return number(None if value is None else factor * value) + beside
