@@ -54,7 +54,19 @@ class PseudoInverseAllocation:
         return scaled(-(self._inverse @ torque_B[..., None])[..., 0], self.torque_limit), memory
 
 
+class DirectTorque:
+    """No sharing: torques act on the body itself, one about each axis."""
+
+    def start(self, shape: tuple[int, ...]) -> Array:
+        """Nothing is remembered, (*shape, 0)."""
+        return np.zeros((*shape, 0))
+
+    def step(self, torque_B: Array, estimate: Estimate, memory: Array) -> tuple[Array, Array]:  # noqa: ARG002
+        """The torque on the body as it is, (..., 3) N m; estimate and memory are not used."""
+        return torque_B, memory
+
+
 def scaled(wheel_torque: Array, limit: float) -> Array:
     """Torques (..., wheels), scaled as a whole where one of them would exceed `limit`, N m."""
-    peak = np.max(np.abs(wheel_torque), axis=-1, keepdims=True)
+    peak = np.max(np.abs(wheel_torque), axis=-1, keepdims=True, initial=0.0)
     return wheel_torque * np.minimum(1.0, limit / np.maximum(peak, 1e-300))

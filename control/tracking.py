@@ -20,6 +20,7 @@ class Estimate(NamedTuple):
     omega_BN_B: Array  # (..., 3) rad/s
     omega_wheel: Array  # (..., wheels) rad/s
     mode_probabilities: Array | None = None  # (..., modes), the healthy one first; None: nobody estimates the mode
+    q_read: Array | None = None  # (..., 4) what the observer last read, NaN if nothing; None: no observer gives the state
 
 
 class Target(NamedTuple):

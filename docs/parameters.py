@@ -39,7 +39,8 @@ FLEXIBLE_ROWS = "\n".join(
     if name != "set"
 )
 SENSOR_ROWS = "\n".join(
-    f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} | {PROVENANCE.get(name, 'chosen: off')} |"
+    f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} "
+    f"| {PROVENANCE.get(name, 'chosen: off')} |"
     for name, info in SensorSettings.model_fields.items()
 )
 

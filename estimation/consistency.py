@@ -53,7 +53,8 @@ def normalized_squared(error: Array, covariance: Array) -> Array:
     try:
         solved = np.linalg.solve(covariance, error[..., None])
     except np.linalg.LinAlgError:  # one singular matrix would spoil the whole stack
-        singular = (np.linalg.det(covariance) == 0.0)[..., None, None]
+        with np.errstate(divide="ignore"):  # the logarithm of zero inside
+            singular = (np.linalg.det(covariance) == 0.0)[..., None, None]
         solved = np.linalg.solve(np.where(singular, np.nan, covariance), error[..., None])
     return np.einsum("...i,...i->...", error, solved[..., 0])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,7 @@ class Belief(NamedTuple):
     detection: Detection
     lost: Array | None = None  # (...,) covariances repaired so far because they had no Cholesky factor; None: the filter needs none
     modes: Modes | None = None  # of a filter with several models
+    memory: Any = None  # what else a filter keeps from reading to reading
 
 
 class Modes(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from estimation.gaussian import Detection, Modes, cholesky, first_belief, innovate, no_detection, symmetrize
 from estimation.proposals import Optimal, ProcessNoise, Proposal
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
-from estimation.state_space import Additive, StateSpace
+from estimation.state_space import Additive, Signed, StateSpace
+from estimation.vector_part import Measured, first_taken, taken
 from models.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
@@ -45,14 +46,6 @@ class ParticleBelief(NamedTuple):
     modes: Modes | None = None
 
 
-class _Signed(Additive):
-    """Errors by components of quaternions whose sign is taken as it is."""
-
-    def difference(self, state: Array, reference: Array) -> Array:
-        """Component by component; (..., n)."""
-        return state - reference
-
-
 @dataclass(frozen=True, eq=False)
 class ParticleFilter:
     """Sequential importance resampling of a state read with NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
@@ -77,8 +70,7 @@ class ParticleFilter:
       threshold: effective share of the particles below which they are resampled.
       roughening: K of Gordon, Salmond & Smith (1993, sec. 3): after resampling each error coordinate is jittered with the deviation
         K (range of the copies) particles^(-1/e); 0: not at all.
-      measured: "quaternion" takes all that is read. "vector" forgets the reading's fourth component as the thesis does (eq. 3.11), begins
-        with a positive one and takes q and -q for two states; the state's mirror image then explains a reading as well as the state.
+      measured: all of a reading's quaternion, or its vector part.
       space: error coordinates of the state.
       integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
     """
@@ -93,7 +85,7 @@ class ParticleFilter:
     resampling: Resampling = systematic
     threshold: float = 0.5
     roughening: float = 0.0
-    measured: Literal["quaternion", "vector"] = "quaternion"
+    measured: Measured = "quaternion"
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
 
@@ -106,7 +98,7 @@ class ParticleFilter:
 
     @cached_property
     def _space(self) -> StateSpace:
-        return _Signed() if self.measured == "vector" else self.space
+        return Signed() if self.measured == "vector" else self.space
 
     @property
     def size(self) -> int:
@@ -115,9 +107,7 @@ class ParticleFilter:
 
     def initial(self, measurement: Array, draws: Draws) -> ParticleBelief:
         """Start around the first reading (..., n) with its noise; what it misses comes from the prior."""
-        seen = np.array(measurement, dtype=float)
-        if self.measured == "vector":
-            seen[..., 3] = np.sqrt(np.maximum(0.0, 1.0 - np.sum(seen[..., :3] ** 2, axis=-1)))  # "computed from the constraint"
+        seen = first_taken(measurement, self.measured)
         first = first_belief(self._space, seen, self.measurement_noise, self.prior, self.prior_variance)
         errors = draws.normals @ cholesky(first.covariance).swapaxes(-1, -2)
         lead = first.nis.shape
@@ -138,7 +128,7 @@ class ParticleFilter:
         centre = np.take_along_axis(particles, heaviest, axis=-2)
         errors = self._space.difference(particles, centre)
         centre = centre[..., 0, :]
-        reading = self._space.difference(self._masked(measurement), centre)
+        reading = self._space.difference(taken(measurement, self.measured), centre)
 
         root = self.process_noise.root(belief.mean, belief.elapsed)
         mean, covariance = moments(np.exp(log_weights), errors)
@@ -160,14 +150,6 @@ class ParticleFilter:
             ess=effective_sample_size(log_weights),
             elapsed=belief.elapsed + dt,
         )
-
-    def _masked(self, measurement: Array) -> Array:
-        """What is taken of a reading (..., n), NaN elsewhere."""
-        if self.measured == "quaternion":
-            return measurement
-        seen = np.array(measurement, dtype=float)
-        seen[..., 3] = np.nan
-        return seen
 
     def _resample(self, belief: ParticleBelief, draws: Draws) -> tuple[Array, Array]:
         """Particles and log weights, resampled in those trials where too few count."""

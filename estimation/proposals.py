@@ -46,27 +46,29 @@ class ConstantNoise:
 class MatchedNoise:
     """Noise of the rates as large as what a wrong inertia does: it grows with their square, which nobody knows in the beginning.
 
-    A step's deviation of each rate is hypot(floor, slope max(|omega|^2, (1 rad/s)^2 e^(-t / fade_s))), of each other error coordinate
+    A step's deviation of each rate is hypot(floor, slope max(|omega|^2, (1 rad/s)^2 e^(-t / fade_s))), of each quaternion component
     `attitude`. That one is no less than the reading's deviation, or the optimal density has nothing to move towards the reading.
 
     Attributes:
-      attitude: of each coordinate of the quaternion, a step.
+      attitude: of each component of the quaternion, a step.
       floor: rad/s a step.
       slope: s, a step.
       fade_s: how long the first estimate of the rates is not believed, s.
+      wheel: rad/s a step, of wheel speeds where these are states.
     """
 
     attitude: float = 1e-4
     floor: float = 2e-3
     slope: float = 1e-2
     fade_s: float = 1.0
+    wheel: float = 0.0
 
     def root(self, mean: Array, elapsed: Array) -> Array:
-        """Diagonal L of the Additive state [q, omega], (..., 7, 7)."""
-        square = np.maximum(np.sum(mean[..., 4:] ** 2, axis=-1), np.exp(-elapsed / self.fade_s))
-        deviation = np.empty(mean.shape)
+        """Diagonal L of the Additive state [q, omega, wheel speeds], (..., n, n)."""
+        square = np.maximum(np.sum(mean[..., 4:7] ** 2, axis=-1), np.exp(-elapsed / self.fade_s))
+        deviation = np.full(mean.shape, self.wheel)
         deviation[..., :4] = self.attitude
-        deviation[..., 4:] = np.hypot(self.floor, self.slope * square)[..., None]
+        deviation[..., 4:7] = np.hypot(self.floor, self.slope * square)[..., None]
         return deviation[..., None] * np.eye(mean.shape[-1])
 
 

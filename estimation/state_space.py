@@ -70,14 +70,15 @@ class Additive:
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Component by component, the quaternion of either sign; (..., n)."""
-        return np.concatenate(
-            [quaternion.align(state[..., :4], reference[..., :4]) - reference[..., :4], state[..., 4:] - reference[..., 4:]], axis=-1
-        )
+        apart = state - reference
+        apart[..., :4] = quaternion.align(state[..., :4], reference[..., :4]) - reference[..., :4]
+        return apart
 
     def displace(self, reference: Array, error: Array) -> Array:
         """Sum, with the quaternion scaled to unit length; (..., n)."""
         moved = reference + error
-        return np.concatenate([quaternion.normalize(moved[..., :4]), moved[..., 4:]], axis=-1)
+        moved[..., :4] = quaternion.normalize(moved[..., :4])
+        return moved
 
     def transition(self, transition: Array, before: Array, after: Array) -> Array:
         """Unchanged; (..., n, n)."""
@@ -87,6 +88,14 @@ class Additive:
         """Covariance with the attitude as a rotation vector in B, (..., n-1, n-1)."""
         to_rotation = _to_rotation(mean)
         return to_rotation @ covariance @ to_rotation.swapaxes(-1, -2)
+
+
+class Signed(Additive):
+    """Errors by components of quaternions whose sign is taken as it is: q and -q are two states."""
+
+    def difference(self, state: Array, reference: Array) -> Array:
+        """Component by component; (..., n)."""
+        return state - reference
 
 
 class Multiplicative:

@@ -88,7 +88,8 @@ class UnscentedFilter:
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
         """
-        predicted = self._predict(belief, command, dt)
+        predicted = self.propagate(belief, command, dt)
+        predicted = predicted._replace(covariance=predicted.covariance + self.process_noise)
         innovation = innovate(predicted.covariance, self.space.difference(measurement, predicted.mean), self.measurement_noise)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
         return Belief(
@@ -102,11 +103,11 @@ class UnscentedFilter:
             lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
         )
 
-    def _predict(self, belief: Belief, command: Array, dt: float) -> Predicted:
-        """Mean and covariance after `dt` seconds, before the reading."""
+    def propagate(self, belief: Belief, command: Array, dt: float) -> Predicted:
+        """Mean and covariance after `dt` seconds as the model moves them, before process noise and reading."""
         root, lost = factor(belief.covariance)
         before = self.space.displace(belief.mean[..., None, :], self.points.offsets(root))
         after = self.integrate(self.process, before, command[..., None, :], dt)
         centre = after[..., 0, :]
         mean, covariance = self.points.moments(self.space.difference(after[..., 1:, :], centre[..., None, :]))
-        return Predicted(self.space.displace(centre, mean), covariance + self.process_noise, lost)
+        return Predicted(self.space.displace(centre, mean), covariance, lost)

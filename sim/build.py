@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from control.tracking import Target
 from models import quaternion
 from models.assembly import Assembly
 from models.euler_angles import from_euler_313
+from models.monolithic import MonolithicParameters
 from models.nacs import BALANCE_MASSES, NacsParameters
 from models.wheel_faults import WheelFault
 from sim import randomness
@@ -20,7 +23,7 @@ from sim.observers import Models, build_banks
 from sim.plant import Plant
 from sim.plants import compile_plant
 from sim.randomness import Stream
-from sim.scenario import Scenario
+from sim.scenario import Scenario, StartSettings
 from sim.sensors import SensorArrays, Sensors, draw_noise
 from sim.variants import Variants
 
@@ -39,6 +42,7 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
     guests, variants = guests or Guests(), variants or Variants.alike(scenario, len(trials))
     run, parameters, law = scenario.run, scenario.plant, scenario.law
     assembly = compile_plant(parameters)
+    inertia = parameters.believed_inertia if isinstance(parameters, MonolithicParameters) else assembly.inertia
     wheels = len(assembly.wheel_joints)
     models = Models.of(parameters)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
@@ -53,8 +57,9 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
         disturbance_B=_air(scenario, variants, trials),
         drive_noise=_drive_noise(scenario, variants, trials, wheels),
         target=target,
-        banks=build_banks(scenario.observers, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors, wheels),
-        controller=guests.control(models, scenario.sensors, wheels) or law.controller(assembly, run.tick_s),
+        banks=build_banks(scenario.observers, models, scenario.sensors, wheels, run.seed, trials)
+        + guests.banks(models, scenario.sensors, wheels),
+        controller=guests.control(models, scenario.sensors, wheels) or law.controller(replace(assembly, inertia=inertia), run.tick_s),
         allocation=law.allocator(assembly, modes),
         feedback=law.feedback,
         command_step_nm=_command_step(scenario, assembly),
@@ -78,10 +83,10 @@ def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> A
 
 
 def _drive_noise(scenario: Scenario, variants: Variants, trials: NDArray[np.int64], wheels: int) -> Array:
-    """Torque errors of a testbed's drives, (ticks, trials, wheels) N m."""
+    """Torque errors of a testbed's drives, (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels."""
     run = scenario.run
     if not isinstance(scenario.plant, NacsParameters):
-        return np.zeros((run.ticks, len(trials), wheels))
+        return np.zeros((run.ticks, len(trials), wheels or 3))
     return variants.plant_values("drive_torque_noise_nm")[:, None] * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels)
 
 
@@ -89,6 +94,13 @@ def _command_step(scenario: Scenario, assembly: Assembly) -> float:
     """Least step of the torque set-point, N m; 0: none."""
     bits = scenario.plant.command_bits if isinstance(scenario.plant, NacsParameters) else 0
     return 2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0
+
+
+def _attitude(start: StartSettings, target: Target) -> Array:
+    """Attitude (4,) that a start is near."""
+    if start.quaternion is not None:
+        return quaternion.normalize(np.array(start.quaternion))
+    return target.q_DN[0] if start.euler_313_deg is None else from_euler_313(np.radians(start.euler_313_deg))
 
 
 def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: NDArray[np.int64], target: Target) -> Plant:
@@ -99,11 +111,11 @@ def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: N
         plant.disperse(dispersion)
     spread = np.radians([[start.attitude_error_deg] for start in variants.starts])
     turn = spread * randomness.normals(scenario.run.seed, trials, Stream.START, 1, 3)[0]
-    chosen = [start.euler_313_deg for start in variants.starts]
-    near = np.stack([target.q_DN[0] if angles is None else from_euler_313(np.radians(angles)) for angles in chosen])
+    near = np.stack([_attitude(start, target) for start in variants.starts])
     attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), near)
-    rate = np.radians([start.rate_deg_s for start in variants.starts])
-    plant.start(attitude, rate, np.array([start.wheel_speed_rad_s for start in variants.starts]))
+    rate = np.array([np.radians(start.rate_deg_s) if start.rate_rad_s is None else start.rate_rad_s for start in variants.starts])
+    speeds = np.array([start.wheel_speed_rad_s for start in variants.starts])[:, : len(assembly.wheel_joints)]
+    plant.start(attitude, rate, speeds)
     if isinstance(scenario.plant, NacsParameters):
         for name, position in zip(BALANCE_MASSES, 1e-3 * variants.plant_values("balance_position_mm").T, strict=True):
             plant.hold(name, position)

@@ -126,6 +126,11 @@ def picked(campaign: Campaign, trial: int) -> dict[str, float]:
     return {key: d.quantile(float(s)) for (key, d), s in zip(campaign.dispersion.items(), share, strict=True)}
 
 
+def alone(campaign: Campaign, base: Scenario, trial: int) -> Scenario:
+    """The scenario that a trial flown alone is; raises BadInput if it is impossible."""
+    return scenarios.check(base.model_dump(mode="json", exclude_none=True), f"trial {trial}", dict(picked(campaign, trial)))
+
+
 def _check_alone(campaign: Campaign, base: Scenario, path: Path) -> None:
     """Every key must exist, and the scenario be possible at the middle of all distributions."""
     for key, distribution in campaign.dispersion.items():

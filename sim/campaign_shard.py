@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from models import quaternion
 from sim.build import build
-from sim.campaign import Campaign, batched, draw, picked
+from sim.campaign import Campaign, alone, batched, draw, picked
 from sim.loop import run
 from sim.metrics import Metric, evaluate
 from sim.plant import SimulationFailed
 from sim.recording import Recording
-from sim.scenario import BadInput, Scenario, check
+from sim.scenario import BadInput, Scenario
 from sim.shards import simulate
 
 Array = NDArray[np.floating]
@@ -80,7 +80,7 @@ def _fly_alone(job: Job, campaign: Campaign, scenario: Scenario, trials: NDArray
         drawn = picked(campaign, int(trial))
         values.append(list(drawn.values()))
         try:
-            own = check(scenario.model_dump(mode="json", exclude_none=True), f"trial {trial}", dict(drawn))
+            own = alone(campaign, scenario, int(trial))
         except BadInput as impossible:
             failures[int(trial)] = str(impossible)
             continue

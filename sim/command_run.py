@@ -15,6 +15,7 @@ from sim import antenna_tables, command_family, families, tables
 from sim import campaign as campaigns
 from sim.build import build
 from sim.campaign import Campaign
+from sim.claims import CLAIMS
 from sim.guests import Guests
 from sim.metrics import Metric
 from sim.plants import compile_plant
@@ -69,6 +70,8 @@ def run(
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
     loaded = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
+    if source and only_trial is not None and not campaigns.batched(loaded):
+        loaded, source = campaigns.alone(source, loaded, only_trial), None
     numbers = np.arange(loaded.run.trials) if only_trial is None else np.array([only_trial])
     if only_trial is not None and only_trial >= loaded.run.trials:
         raise BadInput(f"--only-trial {only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
@@ -206,6 +209,8 @@ def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric]
             several = antenna_tables.antenna if any(row.metric == "rms_pointing_deg" for row in statistics) else tables.loops
             for table in several(statistics, loaded, finished):
                 out.print(table)
+            if loaded.claims:
+                out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
         else:
             if loaded.published:
                 out.print(tables.residuals(statistics, loaded.published))

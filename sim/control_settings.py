@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from control.allocation import Allocation, PseudoInverseAllocation
+from control.allocation import Allocation, DirectTorque, PseudoInverseAllocation
 from control.antenna_pointing import AXES, HELD, AntennaPointing
 from control.feed_forward import BodyModel
 from control.mode_weighted_allocation import ModeWeightedAllocation
+from control.output_feedback import OutputFeedback
 from control.proportional_derivative import ProportionalDerivative
 from control.sliding_mode import SlidingMode
 from control.torque_limit import AxisLimited
@@ -74,6 +75,8 @@ class LawSettings(_Section):
 
     def allocator(self, assembly: Assembly, modes: tuple[WheelFault, ...]) -> Allocation:
         """How its torque is shared among the wheels; `modes` are those of the feedback observer."""
+        if not assembly.wheel_joints:
+            return DirectTorque()
         if isinstance(self.allocation, PseudoInverseSettings):
             return PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit)
         health = np.stack([1.0 - mode.indicator for mode in modes])
@@ -117,6 +120,27 @@ class SlidingModeSettings(LawSettings):
         return SlidingMode(self.slope_rad_s, self.reaching_rad_s2, model, self.boundary_layer_rad_s)
 
 
+class OutputFeedbackSettings(LawSettings):
+    """Backstepping on an observer's rate for a body without rate gyro (Rososhansky 2017, eq. 3.12, its Greek letters derived anew)."""
+
+    type: Literal["output-feedback"]
+    k1_rad_s: Positive = Field(0.05, description="rate asked for a unit of quaternion error (to the power a)")
+    k2_per_s: Positive = Field(15.0, description="how fast that rate is approached")
+    gamma_per_s: NonNegative = Field(2.0, description="gain of the observer that the law is made for; 0 leaves its correction out")
+    kappa: NonNegative = Field(10.0, description="another")
+    power: Annotated[float, Field(gt=0.5, le=1)] = Field(1.0, description="a: linear at one, as printed; in finite time below")
+    shortest: bool = Field(False, description="turn to the nearer of q and -q, which are one attitude; as printed to q_4 = 1")
+
+    @property
+    def gains(self) -> dict[str, float | tuple[float, ...]]:
+        """None that differ between modes."""
+        return {}
+
+    def law(self, model: BodyModel) -> Controller:
+        """The law on its own."""
+        return OutputFeedback(model, self.k1_rad_s, self.k2_per_s, self.gamma_per_s, self.kappa, self.power, self.shortest)
+
+
 class UnfalsifiedSettings(LawSettings):
     """Azimuth and elevation by PD laws that are replaced when data falsify them; body y held by a fixed PD."""
 
@@ -158,4 +182,4 @@ class UnfalsifiedSettings(LawSettings):
         return AntennaPointing(channels, stiffness, 2.0 * 0.7 * np.sqrt(stiffness * moments[HELD]), self.delay_ticks)
 
 
-ControlSettings = Annotated[PdSettings | SlidingModeSettings | UnfalsifiedSettings, Field(discriminator="type")]
+ControlSettings = Annotated[PdSettings | SlidingModeSettings | OutputFeedbackSettings | UnfalsifiedSettings, Field(discriminator="type")]

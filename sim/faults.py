@@ -29,6 +29,7 @@ def _not_negative(draw: Draw) -> Draw:
 NotNegative = Annotated[Number, AfterValidator(_not_negative)]
 Wheel = Literal["all"] | Annotated[int, Field(ge=1)]
 Sensor = Literal["attitude", "gyro", "wheels", "all"]
+Axis = Literal["x", "y", "z"]
 
 
 class Event(BaseModel):
@@ -94,6 +95,29 @@ class ExternalTorque(Event):
         return direction
 
 
+class BodyTorque(Event):
+    """The torque on a body without wheels is constant about an axis, whatever the command."""
+
+    kind: Literal["body-torque"]
+    axis: Axis
+    torque_nm: Number
+
+
+class PeriodicTorque(Event):
+    """A disturbance a [sin pt, cos pt, sin 2pt] in B, t since the start of the run (Rososhansky 2017, sec. 3.3)."""
+
+    kind: Literal["periodic-torque"]
+    amplitude_nm: Number
+    pulsation_rad_s: Annotated[float, Field(gt=0)] = Field(1.0, description="p")
+
+
+class UniformTorque(Event):
+    """A disturbance about each body axis that is drawn anew at every tick, uniform between -a and a."""
+
+    kind: Literal["uniform-torque"]
+    amplitude_nm: NotNegative
+
+
 class InertiaChange(Event):
     """The whole gets another inertia (about the centre of rotation) and centre of mass; the rate is kept."""
 
@@ -138,7 +162,20 @@ class Delay(Event):
 
 
 Fault = Annotated[
-    Float | Effectiveness | ConstantOutput | Lock | NoCommand | ExternalTorque | InertiaChange | NoiseChange | Bias | DropOut | Delay,
+    Float
+    | Effectiveness
+    | ConstantOutput
+    | Lock
+    | NoCommand
+    | BodyTorque
+    | ExternalTorque
+    | PeriodicTorque
+    | UniformTorque
+    | InertiaChange
+    | NoiseChange
+    | Bias
+    | DropOut
+    | Delay,
     Field(discriminator="kind"),
 ]
 
@@ -165,8 +202,8 @@ class FaultSchedule:
     """All faults of a run, tick by tick; first axes (ticks, trials). None where no fault of the kind occurs."""
 
     active: Flags
-    wheel_gain: Array | None  # (..., wheels) share of the commanded torque that is given
-    wheel_offset: Array | None  # (..., wheels) N m added after that
+    wheel_gain: Array | None  # (..., wheels) share of the commanded torque that is given; of a body without wheels: (..., 3)
+    wheel_offset: Array | None  # the same shape, N m added after that
     torque_B: Array | None  # (..., 3) N m
     noise_factor: Array | None  # (..., 3) of attitude, gyro, wheels
     sensor_bias: Array | None  # (..., 6 + wheels) rad, rad/s, rad/s
@@ -178,7 +215,7 @@ class FaultSchedule:
     occurrences: tuple[Occurrence, ...]
 
     def act(self, tick: int, command: Array) -> Array:
-        """Torque that the drives are made to give instead of `command`, (trials, wheels) N m."""
+        """Torque that is given instead of `command`, (trials, wheels) N m, or (trials, 3) on a body without wheels."""
         if self.wheel_gain is not None:
             command = command * self.wheel_gain[tick]
         return command if self.wheel_offset is None else command + self.wheel_offset[tick]
@@ -186,7 +223,7 @@ class FaultSchedule:
 
 def schedule(faults: Sequence[tuple[Fault, ...]], seed: int, trials: Trials, ticks: int, dt: float, wheels: int) -> FaultSchedule:
     """Lay out the faults of each trial over its ticks; trial i is the same in any company."""
-    shape = (ticks, len(trials))
+    shape, drives = (ticks, len(trials)), wheels or 3
     active = np.zeros(shape, dtype=bool)
     fields: dict[str, Array] = {}
     masses: list[WholeProperties] = []
@@ -222,8 +259,21 @@ def schedule(faults: Sequence[tuple[Fault, ...]], seed: int, trials: Trials, tic
                     field("locked", (wheels,), 0.0)[when][:, which] = 1.0
                     text = f"wheel {fault.wheel} locks"
                 case NoCommand():
-                    field("wheel_gain", (wheels,), 1.0)[when] = 0.0
+                    field("wheel_gain", (drives,), 1.0)[when] = 0.0
                     text = "no command"
+                case BodyTorque():
+                    torque, about = fault.torque_nm.sample(random), "xyz".index(fault.axis)
+                    field("wheel_gain", (drives,), 1.0)[when][:, about] = 0.0
+                    field("wheel_offset", (drives,), 0.0)[when][:, about] = torque
+                    text = f"{1e3 * torque:.1f} mN m about {fault.axis} whatever the command"
+                case PeriodicTorque():
+                    size, angle = fault.amplitude_nm.sample(random), fault.pulsation_rad_s * dt * np.arange(start, end)
+                    field("torque_B", (3,), 0.0)[when] += size * np.stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle)], axis=-1)
+                    text = f"periodic torque of {1e3 * size:.0f} mN m"
+                case UniformTorque():
+                    size = fault.amplitude_nm.sample(random)
+                    field("torque_B", (3,), 0.0)[when] += random.uniform(-size, size, (end - start, 3))
+                    text = f"random torque of {1e3 * size:.0f} mN m"
                 case ExternalTorque():
                     torque = fault.torque_nm.sample(random)
                     axis = _axis(fault.direction, random)

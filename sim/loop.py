@@ -32,7 +32,7 @@ class System:
       feedback: who tells the controller the state: an observer's name, `truth` or `measurement`.
       command_step_nm: least step of the drives' torque set-point; 0: none.
       disturbance_B: torque of the environment, (ticks, trials, 3) N m in B.
-      drive_noise: torque errors of the drives, (ticks, trials, wheels) N m.
+      drive_noise: torque errors of the drives, (ticks, trials, wheels) N m; of a body without wheels (ticks, trials, 3).
       trials: their numbers, (trials,).
       dt: control period, s.
     """
@@ -73,11 +73,12 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
     """The loop itself; a trial's number in an exception is its position."""
     plant, faults = system.plant, system.faults
     steps = round(system.dt / plant.step_s)
-    command: Array = np.zeros((plant.trials, plant.assembly.wheel_axes.shape[1]))
+    wheels = plant.assembly.wheel_axes.shape[1]
+    command: Array = np.zeros((plant.trials, wheels or 3))
     law = system.controller if isinstance(system.controller, RememberingController) else Memoryless(system.controller)
     learnt, shared = None, system.allocation.start((plant.trials,))
     beliefs: tuple[Belief, ...] = ()
-    held: Array = np.tile(np.concatenate([IDENTITY, np.zeros(3 + command.shape[1])]), (plant.trials, 1))  # until something has been read
+    held: Array = np.tile(np.concatenate([IDENTITY, np.zeros(3 + wheels)]), (plant.trials, 1))  # until something has been read
 
     for k in range(system.ticks):
         truth = plant.truth()
@@ -85,12 +86,12 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
         reading = system.sensors.read(k, truth, recorder.array("truth/state"))
         beliefs = _observe(system, beliefs, np.concatenate([command, held[..., 7:]], axis=-1), reading, k)
         held = np.where(np.isnan(reading), held, reading)
-        estimate = _estimate(system, beliefs, truth.state, held)
+        estimate = _estimate(system, beliefs, truth.state, held, reading)
 
         learnt = law.start(estimate) if k == 0 else learnt
         torque_B, learnt, notes = law.decide(estimate, Target(*(part[k] for part in system.target)), learnt)
-        wheel_torque, shared = system.allocation.step(torque_B, estimate, shared)
-        command = _quantize(wheel_torque, system.command_step_nm)
+        demand, shared = system.allocation.step(torque_B, estimate, shared)
+        command = _quantize(demand, system.command_step_nm)
         applied = faults.act(k, command + system.drive_noise[k])
         push = system.disturbance_B[k] if faults.torque_B is None else system.disturbance_B[k] + faults.torque_B[k]
 
@@ -111,13 +112,14 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
         if on_tick:
             on_tick(k, recorder)
         _change_plant(system, k)
-        plant.advance(applied, push, steps)
+        plant.advance(*((applied, push) if wheels else (applied[:, :0], push + applied)), steps)
 
 
 def _observe(system: System, beliefs: tuple[Belief, ...], known: Array, reading: Array, tick: int) -> tuple[Belief, ...]:
     """One step of every bank; a filter that breaks down ends the run, saying which filter and trial.
 
-    `known`, (trials, 2 wheels), is the torque commanded since the last tick and the wheel speeds that were read then.
+    `known`, (trials, 2 wheels), is the torque commanded since the last tick and the wheel speeds that were read then; of a body without
+    wheels (trials, 3) only the torque on it.
     """
     if tick == 0:
         return tuple(bank.filter.initial(bank.measured(reading)) for bank in system.banks)
@@ -131,19 +133,20 @@ def _observe(system: System, beliefs: tuple[Belief, ...], known: Array, reading:
     return tuple(after)
 
 
-def _estimate(system: System, beliefs: tuple[Belief, ...], truth: Array, reading: Array) -> Estimate:
-    """State that the controller acts on."""
-    state = {"truth": truth, "measurement": reading}.get(system.feedback)
-    modes: Array | None = None
+def _estimate(system: System, beliefs: tuple[Belief, ...], truth: Array, held: Array, reading: Array) -> Estimate:
+    """State that the controller acts on; `held` is the last reading without its gaps."""
+    state = {"truth": truth, "measurement": held}.get(system.feedback)
+    modes, q_read = None, None
     for bank, belief in zip(system.banks, beliefs, strict=True):
         if system.feedback in bank.names:
             member = bank.names.index(system.feedback)
             state = belief.mean[member]
             modes = belief.modes.probabilities[member] if belief.modes is not None else None
+            q_read = reading[..., :4]
     if state is None:
         raise ValueError(f"feedback {system.feedback!r} is no observer of this loop")
-    wheels = state[..., 7:] if state.shape[-1] == reading.shape[-1] else reading[..., 7:]  # as read, where no state
-    return Estimate(state[..., :4], state[..., 4:7], wheels, modes)
+    wheels = state[..., 7:] if state.shape[-1] == held.shape[-1] else held[..., 7:]  # as read, where no state
+    return Estimate(state[..., :4], state[..., 4:7], wheels, modes, q_read)
 
 
 def _quantize(command: Array, step: float) -> Array:

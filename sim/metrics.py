@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from models import quaternion
 from models.assembly import Assembly
 from models.euler_angles import to_euler_313, wrapped_difference
+from sim import windows
 from sim.recording import Recording
 from sim.references import EulerRates
 from sim.scenario import Scenario
@@ -51,14 +52,20 @@ def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scena
     reading = _by_trial(recording.channels["reading"])
     spins = scenario is not None and isinstance(scenario.reference, EulerRates)
     closing = scenario.law.feedback if scenario is not None and loop != "loop" else None
+    limit = (scenario.law.axis_limit_nm if scenario is not None else None) or np.inf
     out: list[Metric] = []
     for phase, flags in phases(recording).items():
         for name in recording.observers:
             subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
             out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
-        out += [Metric(loop, *row) for row in _loop(recording, assembly, phase, flags, truth, reading)]
+        out += [Metric(loop, *row) for row in _loop(recording, assembly, limit, phase, flags, truth, reading)]
         if spins:
             out += [Metric(loop, *row) for row in _euler_angles(recording, phase, flags, truth)]
+    if scenario is not None and scenario.phases:
+        out += [Metric(loop, *row) for row in windows.of_the_body(recording, scenario.phases)]
+        for name in recording.observers:
+            subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
+            out += [Metric(subject, *row) for row in windows.of_an_estimate(recording, name, scenario.phases)]
     return out
 
 
@@ -108,13 +115,14 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
     return rows
 
 
-def _loop(recording: Recording, assembly: Assembly, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
+def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
     desired = recording.channels["reference/q"]
     angle = quaternion.angle(truth[..., :4], desired[None])
     torque = _by_trial(recording.channels["torque_B"])
     effort = np.sqrt(_mean(np.sum(torque**2, axis=-1), flags))
     command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., 7:])
-    saturated = np.any((command >= 0.999 * assembly.wheel_torque_limit) | (speed > 0.98 * assembly.wheel_speed_limit), axis=-1)
+    limit = assembly.wheel_torque_limit if assembly.wheel_joints else axis_limit
+    saturated = np.any(command >= 0.999 * limit, axis=-1) | np.any(speed > 0.98 * assembly.wheel_speed_limit, axis=-1)
     missing = np.any(np.isnan(reading), axis=-1)
     each = _rms(torque, flags)
     tracking = np.degrees(_rms(angle[..., None], flags)[:, 0])
@@ -122,7 +130,7 @@ def _loop(recording: Recording, assembly: Assembly, phase: str, flags: Flags, tr
         ("tracking_error_deg", phase, "deg", tracking),
         ("control_effort_rms", phase, "N m", effort),
         *((f"effort_rms_{axis}", phase, "N m", each[:, i]) for i, axis in enumerate("xyz")),
-        ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1), 0.0), axis=-1)),
+        ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1, initial=0.0), 0.0), axis=-1)),
         ("saturated_time_s", phase, "s", recording.dt * np.sum(saturated & flags, axis=-1)),
         ("missing_readings", phase, "1", np.sum(missing & flags, axis=-1).astype(float)),
     ]

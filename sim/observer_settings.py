@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from estimation.extended_kalman import GainLaw, KalmanGain
+from estimation.fading import ConstantFading, FadingLaw, StrongTracking
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
+from estimation.proposals import MatchedNoise
 from estimation.sliding_innovation import SlidingGain
+from estimation.vector_part import Measured
 from models.wheel_faults import WheelFault, lost_axis
 from sim.sensors import RPM, SensorSettings
 
@@ -23,6 +26,26 @@ Triple = tuple[Positive, Positive, Positive]
 LEAST_VARIANCE = 1e-16  # of a reading, so that an innovation covariance can be inverted in double precision
 
 
+class MatchedSettings(BaseModel):
+    """Process noise of rates that are not read, as large as what a wrong inertia does at the estimated rate; a deviation each tick.
+
+    hypot(floor, slope max(|omega|^2, e^(-t / fade))) of each rate; the other states have deviations of their own.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    attitude: NonNegative = Field(1e-4, description="of each quaternion component; a particle filter needs no less than the reading's")
+    floor_rad_s: Positive = 2e-3
+    slope_s: NonNegative = Field(1e-2, description="per square of the rate")
+    fade_s: Positive = Field(1.0, description="how long the first estimate of the rate is not believed")
+    wheel_rad_s: NonNegative = Field(0.0, description="of a wheel speed that is a state")
+
+    @property
+    def law(self) -> MatchedNoise:
+        """As filters know it."""
+        return MatchedNoise(self.attitude, self.floor_rad_s, self.slope_s, self.fade_s, self.wheel_rad_s)
+
+
 class Tuning(BaseModel):
     """Noise that a filter expects, each as [quaternion component, body rate (rad/s), wheel speed]."""
 
@@ -30,7 +53,8 @@ class Tuning(BaseModel):
 
     process_noise: Triple = Field(description="variances added in a tick, Q")
     measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
-    boundary_layer: Triple = Field(description="delta of the sliding innovation gain")
+    boundary_layer: Triple = Field((4e-4, 8e-3, 2.0), description="delta of the sliding innovation gain")
+    matched: MatchedSettings | None = Field(None, description="of the filters aukf and pf in place of `process_noise`")
     wheel_unit_rad_s: Positive = Field(1.0, description="wheel speed in which the wheels' entries are counted")
     wheel_drag: bool = Field(False, description="the model knows the wheels' friction, as a spin-down test would identify it")
 
@@ -52,6 +76,8 @@ MONITOR_VOLT_RAD_S = 2000 * RPM / 4.0
 
 # `paper`: McCafferty-Leroux et al. (2024, sec. 5), wheels in volts (docs/errata.md).
 # `wmap`: Hill et al. (2021, table I); wheel speeds are no states there.
+# `as-printed`: Rososhansky (2017, sec. 3.3), deviations of 1e-3 in all seven states a step and of 1e-4 in the reading.
+# `matched`: for a body whose rates are not read, of what its wrong inertia does; its `process_noise` is that of a body nearly at rest.
 # `consistent`: R of the simulated sensors, Q of the mismatch between plant and analytic model (docs/consistency.md).
 TUNINGS: dict[str, Tuning] = {
     "paper": Tuning(
@@ -63,6 +89,8 @@ TUNINGS: dict[str, Tuning] = {
     "consistent": Tuning(
         process_noise=(1e-10, 4e-7, 1.3e-2), measurement_noise="sensors", boundary_layer=(4e-4, 8e-3, 2.0), wheel_drag=True
     ),
+    "as-printed": Tuning(process_noise=(1e-6, 1e-6, 1e-6), measurement_noise=(1e-8, 1e-8, 1e-8)),
+    "matched": Tuning(process_noise=(1e-8, 4e-6, 1.3e-2), measurement_noise="sensors", matched=MatchedSettings()),
     "wmap": Tuning(process_noise=(1e-7, 1e-7, 1e-7), measurement_noise=(5e-7, 5e-7, 5e-7), boundary_layer=(4e-4, 8e-3, 2.0)),
 }
 
@@ -73,6 +101,7 @@ class ExtendedSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     tuning: str | Tuning
+    initial_rate_rad_s: Positive = Field(1.0, description="deviation of each rate that the first reading does not hold")
     discretization: Literal["runge-kutta", "euler"] = "runge-kutta"
 
     @property
@@ -148,6 +177,80 @@ class Ukf(ExtendedSettings):
     alpha: Positive = Field(0.1, description="spread of the sigma points")
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
+
+
+class NoFadingSettings(BaseModel):
+    """Nothing fades."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    type: Literal["off"] = "off"
+
+    @property
+    def law(self) -> FadingLaw:
+        """As the filter knows it."""
+        return ConstantFading()
+
+
+class ConstantFadingSettings(BaseModel):
+    """The same fading factor at every tick."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    type: Literal["constant"]
+    factor: Annotated[float, Field(ge=1)] = Field(1.02, description="lambda, of the covariance; 1: nothing fades")
+
+    @property
+    def law(self) -> FadingLaw:
+        """As the filter knows it."""
+        return ConstantFading(self.factor)
+
+
+class StrongTrackingSettings(BaseModel):
+    """A fading factor that makes innovations as large as expected."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    type: Literal["adaptive"]
+    forgetting: Annotated[float, Field(gt=0, le=1)] = Field(0.95, description="rho, of the innovations' variance")
+    cap: Annotated[float, Field(ge=1)] = Field(1e3, description="greatest factor")
+
+    @property
+    def law(self) -> FadingLaw:
+        """As the filter knows it."""
+        return StrongTracking(self.forgetting, self.cap)
+
+
+FadingSettings = Annotated[NoFadingSettings | ConstantFadingSettings | StrongTrackingSettings, Field(discriminator="type")]
+
+
+class Aukf(Ukf):
+    """Adaptive unscented Kalman filter: with a fading memory."""
+
+    type: Literal["aukf"]  # type: ignore[assignment]
+    coordinates: Literal["additive", "multiplicative"] = "additive"
+    fading: FadingSettings = NoFadingSettings()
+    measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
+
+    def complain(self, where: str, wheels: int) -> None:
+        """Raise ValueError if the coordinates are those of a rotation, which has neither a vector part nor that process noise."""
+        super().complain(where, wheels)
+        if self.coordinates == "multiplicative" and (self.measured == "vector" or self.numbers.matched):
+            raise ValueError(f"{where}.coordinates: measured = 'vector' and matched process noise need 'additive'")
+
+
+class Pf(ExtendedSettings):
+    """Particle filter."""
+
+    type: Literal["pf"]
+    particles: Annotated[int, Field(ge=2, le=100_000)] = 100
+    proposal: Literal["bootstrap", "optimal"] = Field("optimal", description="importance density")
+    resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
+    threshold: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.5, description="effective share of the particles below which they are resampled"
+    )
+    roughening: NonNegative = Field(0.0, description="K of Gordon, Salmond & Smith (1993); 0: none")
+    measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
 
 
 class WheelMode(BaseModel):
@@ -248,4 +351,4 @@ def _wheel_fault(mode: tuple[WheelMode, ...], wheels: int) -> WheelFault:
     return WheelFault(indicator, torque)
 
 
-ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched | Ukf | Imm, Field(discriminator="type")]
+ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched | Ukf | Aukf | Pf | Imm, Field(discriminator="type")]

@@ -8,20 +8,27 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.extended_kalman import ExtendedFilter
 from estimation.gaussian import Belief
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain
+from estimation.particle import ParticleFilter
+from estimation.proposals import PROPOSALS, ConstantNoise
+from estimation.resampling import SCHEMES
 from estimation.stacking import stack, stackable
-from estimation.state_space import Additive, Multiplicative, StateSpace
+from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
 from estimation.unscented import UnscentedFilter, euler
+from models.monolithic import MonolithicParameters
 from models.nacs import NacsParameters
 from models.process import ProcessModel, predict, predict_euler, runge_kutta
 from models.quaternion import IDENTITY
 from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
-from sim.observer_settings import ExtendedSettings, Imm, Mekf, ObserverSettings, Ukf
+from sim.observer_settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
+from sim.particle_observer import DrawBlocks, ParticleObserver
 from sim.plants import Parameters
+from sim.randomness import Trials
 from sim.sensors import SensorSettings
 
 Array = NDArray[np.floating]
@@ -50,6 +57,8 @@ def believed(parameters: Parameters, wheel_drag: bool, fault: WheelFault | None 
     """A plant's analytic model with the wheels' friction or without, and with a fault of the wheels or none."""
     if isinstance(parameters, NacsParameters):
         return parameters.process(wheel_drag=wheel_drag, fault=fault)
+    if isinstance(parameters, MonolithicParameters):
+        return parameters.process(believed=True)
     return parameters.process(fault)  # wheel speeds are read, whatever slows them
 
 
@@ -115,21 +124,30 @@ class Alone:
         return self.filter.step(belief, command[None], measurement[None], dt)
 
 
-GaussianFilter = ExtendedFilter | UnscentedFilter | InteractingMultipleModel
+GaussianFilter = ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | InteractingMultipleModel
 
 
-def build_filter(settings: ObserverSettings, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter:
+def build_filter(settings: ObserverSettings, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter | ParticleFilter:
     """The filter that the settings stand for."""
     if not isinstance(settings, Imm):
         return _single(settings, models, sensors, wheels, None)
-    members = tuple(_single(settings.filter, models, sensors, wheels, fault) for fault in settings.faults(wheels))
+    members = tuple(_member(settings.filter, models, sensors, wheels, fault) for fault in settings.faults(wheels))
     limits = (settings.declare_above, settings.withdraw_below)
     return InteractingMultipleModel(members, settings.matrix, settings.start, settings.floor, *limits)
 
 
+def _member(
+    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault
+) -> ExtendedFilter | UnscentedFilter:
+    """A filter with the model of a mode."""
+    single = _single(settings, models, sensors, wheels, fault)
+    assert isinstance(single, ExtendedFilter | UnscentedFilter)
+    return single
+
+
 def _single(
     settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault | None
-) -> ExtendedFilter | UnscentedFilter:
+) -> ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | ParticleFilter:
     """A filter with one model of the wheels."""
     tuning = settings.numbers
     q, r, layer = tuning.scaled(sensors)
@@ -146,21 +164,51 @@ def _single(
         "process_noise": np.diag(np.repeat(unit * q, counts)),
         "measurement_noise": np.diag(np.repeat(unit * r, counts)),
         "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
-        "prior_variance": np.repeat([1.0, 1.0, 1e4], counts),
+        "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
         "space": Multiplicative() if multiplicative else Additive(),
     }
     explicit = settings.discretization == "euler"
+    noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
+    if isinstance(settings, Pf):
+        return ParticleFilter(
+            **common | {"process_noise": noise},
+            particles=settings.particles,
+            proposal=PROPOSALS[settings.proposal],
+            resampling=SCHEMES[settings.resampling],
+            threshold=settings.threshold,
+            roughening=settings.roughening,
+            measured=settings.measured,
+            integrate=euler if explicit else runge_kutta,
+        )
     if isinstance(settings, Ukf):
         common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
-        return UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
+        if isinstance(settings, Aukf) and settings.measured == "vector":
+            common["space"] = Signed()
+        unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
+        if isinstance(settings, Aukf):
+            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law, settings.measured)
+        return unscented
     return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
 
 
-def build_banks(observers: dict[str, ObserverSettings], models: Models, sensors: SensorSettings, wheels: int) -> tuple[Bank, ...]:
-    """All observers of a scenario, those of one kind together."""
-    groups: list[list[tuple[str, GaussianFilter]]] = []
+def build_banks(
+    observers: dict[str, ObserverSettings],
+    models: Models,
+    sensors: SensorSettings,
+    wheels: int,
+    seed: int = 0,
+    trials: Trials | None = None,
+) -> tuple[Bank, ...]:
+    """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
+    groups: list[list[tuple[str, GaussianFilter | ParticleObserver]]] = []
     for name, settings in observers.items():
         single = build_filter(settings, models, sensors, wheels)
+        if isinstance(single, ParticleFilter):
+            if trials is None:
+                raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")
+            numbers = DrawBlocks(name, seed, trials, single.particles, single.size, single.roughening > 0.0)
+            groups.append([(name, ParticleObserver(single, numbers))])
+            continue
         for group in groups:
             first = group[0][1]
             if isinstance(first, ExtendedFilter) and isinstance(single, ExtendedFilter) and stackable(first, single):
@@ -171,7 +219,7 @@ def build_banks(observers: dict[str, ObserverSettings], models: Models, sensors:
     return tuple(
         Bank(
             names=tuple(name for name, _ in group),
-            filter=stack(alike) if (alike := [f for _, f in group if isinstance(f, ExtendedFilter)]) else Alone(group[0][1]),
+            filter=_as_one([single for _, single in group]),
             thresholds=tuple(thresholds_of(single) for _, single in group),
             speeds_are_states=models.speeds_are_states,
         )
@@ -179,7 +227,14 @@ def build_banks(observers: dict[str, ObserverSettings], models: Models, sensors:
     )
 
 
-def thresholds_of(single: GaussianFilter) -> tuple[float, float] | None:
+def _as_one(group: list[GaussianFilter | ParticleObserver]) -> Observer:
+    """Filters of one kind; those that are no extended ones come alone."""
+    if alike := [single for single in group if isinstance(single, ExtendedFilter)]:
+        return stack(alike)
+    return group[0] if isinstance(group[0], ParticleObserver) else Alone(group[0])
+
+
+def thresholds_of(single: GaussianFilter | ParticleObserver) -> tuple[float, float] | None:
     """Statistic above which a filter declares a fault and below which it withdraws it, if it does."""
     if isinstance(single, InteractingMultipleModel):
         return single.declare_above, single.withdraw_below

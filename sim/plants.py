@@ -11,6 +11,7 @@ from models.assembly import Assembly, Prepared
 from models.flexible import FlexibleParameters, compile_flexible, prepare_flexible
 from models.freeflyer import FreeflyerParameters, compile_freeflyer, prepare_freeflyer
 from models.inertia import why_impossible
+from models.monolithic import MonolithicParameters, compile_monolithic, prepare_monolithic
 from models.nacs import NacsParameters, compile_nacs, prepare_nacs
 from sim.faults import Fault, InertiaChange
 
@@ -33,8 +34,14 @@ class FlexiblePlant(FlexibleParameters):
     type: Literal["flexible"]
 
 
-Parameters = NacsParameters | FreeflyerParameters | FlexibleParameters
-PlantSettings = Annotated[NacsPlant | FreeflyerPlant | FlexiblePlant, Field(discriminator="type")]
+class MonolithicPlant(MonolithicParameters):
+    """A spacecraft without wheels under torques on its body; every parameter of models/monolithic.py is a key."""
+
+    type: Literal["monolithic"]
+
+
+Parameters = NacsParameters | FreeflyerParameters | FlexibleParameters | MonolithicParameters
+PlantSettings = Annotated[NacsPlant | FreeflyerPlant | FlexiblePlant | MonolithicPlant, Field(discriminator="type")]
 
 
 def compile_plant(plant: Parameters) -> Assembly:
@@ -46,6 +53,8 @@ def compile_plant(plant: Parameters) -> Assembly:
             return compile_freeflyer(plant)
         case FlexibleParameters():
             return compile_flexible(plant)
+        case MonolithicParameters():
+            return compile_monolithic(plant)
 
 
 def prepare_plant(plant: Parameters) -> Prepared:
@@ -57,6 +66,8 @@ def prepare_plant(plant: Parameters) -> Prepared:
             return prepare_freeflyer(plant)
         case FlexibleParameters():
             return prepare_flexible(plant)
+        case MonolithicParameters():
+            return prepare_monolithic(plant)
 
 
 def complain_of_masses(plant: Parameters, faults: tuple[Fault, ...]) -> None:

@@ -24,7 +24,9 @@ class Stream(IntEnum):
     AIR = 7
     DRIVE = 8
     DISPERSION = 9
+    QUATERNION = 10
     FAULT = 1000  # and up: one for each fault of a scenario
+    PARTICLES = 1_000_000  # and up: three for each particle filter, by its name
 
 
 def generator(seed: int, trial: int, stream: int) -> np.random.Generator:

@@ -18,7 +18,8 @@ Array = NDArray[np.floating]
 AnyArray = NDArray[np.floating] | NDArray[np.bool_]
 
 MULTIPLICATIVE = Multiplicative()
-OBSERVED = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared", "modes", "lost")
+OBSERVED = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared", "modes", "lost", "ess", "fading")
+REMEMBERED = ("ess", "fading")
 _BLOCK = 25  # ticks whose covariances are kept until they are reduced together
 
 
@@ -29,7 +30,8 @@ class Recording:
     Channels: `truth/state` [q, omega, wheel speeds], `truth/qpos`, `truth/qvel`, `reading`, `command`, `applied` (N m, wheels),
     `fault` (bool); of each observer NAME: `NAME/mean`, `NAME/sigma` (attitude as a rotation, rad), `NAME/nees`, `NAME/nis`,
     `NAME/dof`, `NAME/statistic`, `NAME/declared`; of one with modes `NAME/modes`, their probabilities; of one that repairs covariances
-    `NAME/lost`, how many so far; `control/...`, what a law notes. `reference/...` has no trial axis. Findings are what was worked out of a
+    `NAME/lost`, how many so far; of a particle filter `NAME/ess`, the effective number of particles; of an adaptive one `NAME/fading`, its
+    factor; `control/...`, what a law notes. `reference/...` has no trial axis. Findings are what was worked out of a
     trial afterwards, (trials, ...).
     """
 
@@ -122,6 +124,9 @@ class Recorder:
                 self.put(f"{index}:modes", tick, belief.modes.probabilities)
             if belief.lost is not None:
                 self.put(f"{index}:lost", tick, belief.lost)
+            for part in REMEMBERED:
+                if (value := getattr(belief.memory, part, None)) is not None:
+                    self.put(f"{index}:{part}", tick, value)
             covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
             covariances[tick % _BLOCK] = belief.covariance
             if tick % _BLOCK == _BLOCK - 1:
@@ -135,12 +140,19 @@ class Recorder:
         truth = self._arrays["truth/state"][start:stop, None, ..., : mean.shape[-1]]
         covariance = space.reduce(mean, self._covariance[index][: stop - start])
         error = MULTIPLICATIVE.difference(truth, mean)
-        nees = normalized_squared(error, covariance)
+        nees = normalized_squared(error, self._spanned(index, start, stop, covariance))
         variance = np.diagonal(covariance, axis1=-2, axis2=-1)
         sigma = np.sqrt(np.where(variance < 0.0, np.nan, variance))
         for name, value in (("nees", nees), ("sigma", sigma)):
             array = self._arrays.setdefault(f"{index}:{name}", np.full((self.ticks, *value.shape[1:]), np.nan))
             array[start:stop] = value
+
+    def _spanned(self, index: int, start: int, stop: int, covariance: Array) -> Array:
+        """Covariances, NaN where too few particles count to span one."""
+        ess = self._arrays.get(f"{index}:ess")
+        if ess is None:
+            return covariance
+        return np.where((ess[start:stop] > covariance.shape[-1] + 1)[..., None, None], covariance, np.nan)
 
     def finish(self, target: Target, occurrences: tuple[Occurrence, ...]) -> Recording:
         """All ticks that were recorded."""

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, edges, flights, moving_rms, running_rms, torque_unit, window
+from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, edges, flights, moving_mean, moving_rms, running_rms, torque_unit, window
 from sim.palette import WHEEL_COLORS
 from sim.recording import Recording
 from sim.report import STYLE
@@ -51,10 +51,12 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         for axis in range(3):
             _running_error(grid[0, axis], several, axis, restarts)
         _angle(grid[1, 0], several)
-        _modes(grid[1, 1], several)
-        _gains(grid[1, 2], several)
+        modal = any(flight.probabilities is not None for flight in several)
+        wheels = several[0].channel("truth/state").shape[-1] > 7
+        (_modes if modal else _body_rate)(grid[1, 1], several)
+        (_gains if modal or not _counting(several) else _particles)(grid[1, 2], several)
         _effort(grid[2, 0], several)
-        _wheel_speeds(grid[2, 1], several)
+        (_wheel_speeds if wheels else _rate_error)(grid[2, 1], several)
         _estimate(grid[2, 2], several)
         for letter, axes in zip("abcdefghi", grid.flat, strict=True):
             _shade_faults(axes, several)
@@ -198,7 +200,7 @@ def _effort(axes: Axes, several: Several) -> None:
     for flight in several:
         demanded = scale * np.linalg.norm(flight.channel("torque_B"), axis=-1)
         axes.semilogy(flight.recording.time, moving_rms(demanded, ticks), **_line(flight))
-    axes.set(title=f"Torque demanded of the wheels, {_over(several)}", ylabel=f"torque on the body [{unit}]")
+    axes.set(title=f"Torque demanded, {_over(several)}", ylabel=f"torque on the body [{unit}]")
     _plain_log(axes)
 
 
@@ -211,6 +213,37 @@ def _wheel_speeds(axes: Axes, several: Several) -> None:
     axes.set(title=f"Wheel speeds of {flight.name}", ylabel="speed [rpm]")
     axes.margins(y=0.2)
     axes.legend(ncols=4, loc="upper left", columnspacing=1.2, handlelength=1.6)
+
+
+def _body_rate(axes: Axes, several: Several) -> None:
+    for flight in several:
+        rate = np.degrees(np.linalg.norm(flight.channel("truth/state")[:, 4:7], axis=-1))
+        axes.semilogy(flight.recording.time, np.maximum(rate, 1e-6), **_line(flight))
+    axes.set(title="Body rate (truth)", ylabel="length [deg/s]")
+    _plain_log(axes)
+
+
+def _rate_error(axes: Axes, several: Several) -> None:
+    ticks = window(several)
+    for flight in several:
+        if flight.closing:
+            error = flight.channel(f"{flight.closing}/mean")[:, 4:7] - flight.channel("truth/state")[:, 4:7]
+            axes.semilogy(flight.recording.time, moving_rms(1e3 * np.linalg.norm(error, axis=-1), ticks), **_line(flight))
+    axes.set(title=f"Rate error of the estimate, {_over(several)}", ylabel="error [mrad/s]")
+    if any(flight.closing for flight in several):
+        _plain_log(axes)
+
+
+def _counting(several: Several) -> list[Flight]:
+    """Loops that are closed by a particle filter."""
+    return [flight for flight in several if f"{flight.closing}/ess" in flight.recording.channels]
+
+
+def _particles(axes: Axes, several: Several) -> None:
+    for flight in _counting(several):
+        axes.semilogy(flight.recording.time, moving_mean(flight.channel(f"{flight.closing}/ess"), window(several)), **_line(flight))
+    axes.set(title=f"Effective number of particles, mean over {window(several) * several[0].recording.dt:g} s", ylabel="particles")
+    _plain_log(axes)
 
 
 def _estimate(axes: Axes, several: Several) -> None:

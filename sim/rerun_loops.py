@@ -89,7 +89,7 @@ class Trial(NamedTuple):
 def layout(trial: Trial) -> LoopsLayout:
     """What the tabs of one trial are made of."""
     laws = {flight.scenario.law.type: flight.gains for flight in trial.several}
-    titles = {"pd": "PD", "sliding-mode": "Sliding mode", "unfalsified": "Unfalsified control"}
+    titles = {"pd": "PD", "sliding-mode": "Sliding mode", "unfalsified": "Unfalsified control", "output-feedback": "Output feedback"}
     kind = partial(AntennaLayout, mapped=trial.mapping[0].name, panels=tuple(trial.mapping[0].panels)) if trial.mapping else LoopsLayout
     return kind(
         prefix=trial.prefix,

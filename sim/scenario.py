@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
@@ -24,6 +24,7 @@ SCENARIOS = Path(__file__).with_name("scenarios")
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 
+PHASES = ("all", "nominal", "fault", "recovery")
 RESERVED = ("loop", "truth", "measurement", "reference")
 
 
@@ -49,8 +50,21 @@ class StartSettings(_Section):
 
     attitude_error_deg: NonNegative = Field(1.0, description="standard deviation of a random turn about each body axis")
     euler_313_deg: tuple[float, float, float] | None = Field(None, description="attitude phi, theta, psi in place of the reference's")
+    quaternion: tuple[float, float, float, float] | None = Field(None, description="the same as a quaternion, scalar last")
     rate_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rate_rad_s: tuple[float, float, float] | None = Field(None, description="the same in rad/s")
     wheel_speed_rad_s: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _said_once(self) -> StartSettings:
+        if self.quaternion is not None:
+            if self.euler_313_deg is not None:
+                raise ValueError("quaternion: give the attitude either so or as euler_313_deg")
+            if abs(sum(part**2 for part in self.quaternion) - 1.0) > 1e-3:
+                raise ValueError(f"quaternion = {list(self.quaternion)}: the squares must add up to one")
+        if self.rate_rad_s is not None and any(self.rate_deg_s):
+            raise ValueError("rate_rad_s: give the rate either so or as rate_deg_s")
+        return self
 
 
 class LoopSettings(_Section):
@@ -83,8 +97,10 @@ class Scenario(_Section):
     tuning: str | Tuning = Field("consistent", description="of all observers that do not have their own")
     observers: dict[str, ObserverSettings]
     faults: tuple[Fault, ...] = ()
+    phases: dict[str, tuple[NonNegative, Positive]] = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     identification: IdentificationSettings | None = Field(None, description="of what the controllers of two loops truly make of the plant")
     published: Published | None = None
+    claims: Literal["gyroless"] | None = Field(None, description="whose claims the run is held against, see sim/claims.py")
 
     @field_validator("sensors", mode="before")
     @classmethod
@@ -116,6 +132,16 @@ class Scenario(_Section):
                 raise ValueError(f"{name!r} cannot be an observer's name")
         return observers
 
+    @field_validator("phases")
+    @classmethod
+    def _windows(cls, phases: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        for name, (start, end) in phases.items():
+            if name in PHASES:
+                raise ValueError(f"{name!r} cannot be a phase of the scenario's own")
+            if not start < end:
+                raise ValueError(f"{name} = [{start:g}, {end:g}]: needs start < end")
+        return phases
+
     @field_validator("loops")
     @classmethod
     def _named_loops(cls, loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
@@ -141,6 +167,10 @@ class Scenario(_Section):
                 raise ValueError(
                     f"{where}: lasts from {earliest_start(fault):g} to {latest_end(fault):g} s, the run from 0 to {duration:g} s"
                 )
+            if not wheels and hasattr(fault, "wheel"):
+                raise ValueError(f"{where}: the plant has no wheels")
+            if wheels and fault.kind == "body-torque":
+                raise ValueError(f"{where}: the plant is turned by its wheels; constant-output is the fault of a wheel")
             wheel = getattr(fault, "wheel", "all")
             if isinstance(wheel, int) and wheel > wheels:
                 raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to {wheels} or 'all'")
@@ -253,7 +283,7 @@ def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, 
 def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Scenario:
     """The scenario that `data`, as read from a file, stands for; complaints begin with `label`. The rest as for `load`."""
     for key, value in (overrides or {}).items():
-        _override(data, key, value)
+        override(data, key, value)
     try:
         return Scenario.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:
@@ -271,7 +301,8 @@ def parse_override(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
-def _override(data: dict[str, Any], key: str, value: Any) -> None:
+def override(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key of a file's tables; raises BadInput."""
     node: Any = data
     *parents, last = key.split(".")
     for part in parents:

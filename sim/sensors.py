@@ -29,7 +29,9 @@ class SensorSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     attitude_noise_rad: NonNegative = Field(4e-4, description="standard deviation of a small rotation about each body axis")
+    quaternion_noise: NonNegative = Field(0.0, description="standard deviation added to each component of q, which is then scaled to one")
     attitude_resolution_rad: NonNegative = Field(0.0, description="least step of a reading's rotation vector from N; 0: none")
+    gyro: bool = Field(True, description="whether there is a rate gyro; without one rates are never read")
     gyro_noise_rad_s: NonNegative = Field(1.7320508e-3, description="standard deviation of a reading, each axis")
     gyro_bias_rad_s: NonNegative = Field(4.8e-5, description="standard deviation of the bias at the start, each axis")
     gyro_bias_walk_rad_s_sqrt_s: NonNegative = Field(2e-6, description="random walk of the bias")
@@ -51,7 +53,7 @@ class SensorSettings(BaseModel):
     def variances(self) -> tuple[float, float, float]:
         """Variance of a reading: small rotation about an axis (rad2), rate (rad2/s2), wheel speed (rad2/s2), resolution included."""
         return (
-            self.attitude_noise_rad**2 + self.attitude_resolution_rad**2 / 12.0,
+            self.attitude_noise_rad**2 + 4.0 * self.quaternion_noise**2 + self.attitude_resolution_rad**2 / 12.0,
             self.gyro_noise_rad_s**2 + self.gyro_resolution_rad_s**2 / 12.0,
             self.wheel_noise_rad_s**2 + self.wheel_step_rad_s**2 / 12.0,
         )
@@ -59,6 +61,7 @@ class SensorSettings(BaseModel):
 
 # `bench`: what a well set-up NACS would read. `paper`: the variances that the paper takes for its R, as if they were the sensors' own.
 # `wmap`: R of Hill et al. (2021, table I) as white noise, wheel speeds exact.
+# `tracker`: the attitude alone, with the noise of Rososhansky (2017, sec. 3.3) on every component of the quaternion.
 # `vn100`: datasheet densities over a 5 Hz bandwidth. Sources in docs/parameters.md.
 SENSOR_SETS: dict[str, SensorSettings] = {
     "bench": SensorSettings(),
@@ -72,6 +75,7 @@ SENSOR_SETS: dict[str, SensorSettings] = {
         attitude_noise_rad=0, gyro_noise_rad_s=0, gyro_bias_rad_s=0, gyro_bias_walk_rad_s_sqrt_s=0,
         gyro_resolution_rad_s=0, wheel_noise_rad_s=0, wheel_bits=0,
     ),
+    "tracker": SensorSettings(attitude_noise_rad=0, quaternion_noise=1e-4, gyro=False),
 }  # fmt: skip
 
 
@@ -79,7 +83,9 @@ class SensorArrays(NamedTuple):
     """Settings of each trial, (trials, 1)."""
 
     attitude_noise_rad: Array
+    quaternion_noise: Array
     attitude_resolution_rad: Array
+    gyro: Array  # one or zero
     gyro_noise_rad_s: Array
     gyro_bias_rad_s: Array
     gyro_bias_walk_rad_s_sqrt_s: Array
@@ -107,6 +113,7 @@ class Noise(NamedTuple):
     wheel: Array  # (..., wheels) standard normal
     age: Array | None  # (ticks, trials) s
     missing: NDArray[np.bool_] | None  # (..., 3): attitude, gyro, wheels
+    quaternion: Array | None = None  # (..., 4) standard normal
 
 
 def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:
@@ -117,7 +124,9 @@ def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, tic
     age = None
     if settings.latency_s.any() or settings.jitter_s.any():
         age = settings.latency_s[:, 0] + settings.jitter_s[:, 0] * randomness.uniforms(seed, trials, Stream.TIMING, ticks, 1)[..., 0]
-    missing = None
+    missing, quaternion = None, None
+    if settings.quaternion_noise.any():
+        quaternion = randomness.normals(seed, trials, Stream.QUATERNION, ticks, 4)
     if settings.dropout_probability.any():
         missing = randomness.uniforms(seed, trials, Stream.DROPOUT, ticks, 3) < settings.dropout_probability
     return Noise(
@@ -127,6 +136,7 @@ def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, tic
         wheel=randomness.normals(seed, trials, Stream.WHEEL, ticks, wheels),
         age=age,
         missing=missing,
+        quaternion=quaternion,
     )
 
 
@@ -152,10 +162,10 @@ class Sensors:
         age = _sum(noise.age, faults.delay_s, tick)
         if age is not None:
             state = _look_back(past, tick, age / self.dt)
-        sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s]  # (trials, 1) each
+        sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s, s.quaternion_noise]  # (trials, 1) each
         if faults.noise_factor is not None:
             factor = faults.noise_factor[tick]
-            sigma = [sigma[i] * factor[:, i, None] for i in range(3)]
+            sigma = [sigma[i] * factor[:, which, None] for i, which in enumerate((0, 1, 2, 0))]
         turn = sigma[0] * noise.attitude[tick]
         rate = state[:, 4:7] + noise.gyro_bias[tick] + sigma[1] * noise.gyro[tick]
         wheel = state[:, 7:] + sigma[2] * noise.wheel[tick]
@@ -163,11 +173,16 @@ class Sensors:
             bias = faults.sensor_bias[tick]
             turn, rate, wheel = turn + bias[:, :3], rate + bias[:, 3:6], wheel + bias[:, 6:]
         attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), state[:, :4])
+        if noise.quaternion is not None:
+            noisy = quaternion.normalize(attitude + sigma[3] * noise.quaternion[tick])
+            attitude = np.where(s.quaternion_noise > 0.0, noisy, attitude)
         if s.attitude_resolution_rad.any():
             stepped = quaternion.from_rotation_vector(_quantize(quaternion.to_rotation_vector(attitude), s.attitude_resolution_rad))
             attitude = np.where(s.attitude_resolution_rad > 0.0, stepped, attitude)
         rate = np.clip(_quantize(rate, s.gyro_resolution_rad_s), -s.gyro_range_rad_s, s.gyro_range_rad_s)
         wheel = np.clip(_quantize(wheel, s.wheel_step_rad_s), -s.wheel_full_scale_rad_s, s.wheel_full_scale_rad_s)
+        if not s.gyro.all():
+            rate = np.where(s.gyro > 0.0, rate, np.nan)
         reading = np.concatenate([attitude, rate, wheel], axis=-1)
         for missing in (noise.missing, faults.missing):
             if missing is not None and missing[tick].any():

@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from estimation.consistency import average_bounds
+from sim.claims import Claim
 from sim.metrics import STATES
 from sim.references import EulerRates
 from sim.results import Row
@@ -190,3 +191,14 @@ def _beside(
     value, paper = found.get((name, metric, phase)), printed.get(name, {}).get(metric if phase == "all" else f"{metric}@{phase}")
     beside = f" [cyan]{number(factor * paper):>5}[/]" if paper is not None else 6 * " " if printed else ""
     return number(None if value is None else factor * value) + beside
+
+
+def claims(found: list[Claim]) -> Table:
+    """What a paper claims, and what became of it."""
+    table = plain_table("Claims")
+    table.add_column("claim", overflow="fold")
+    for heading in ("printed", "found", "verdict"):
+        table.add_column(heading, overflow="fold")
+    for claim in found:
+        table.add_row(claim.text, claim.printed, claim.found, claim.verdict)
+    return table

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from models import quaternion
@@ -68,13 +69,26 @@ def test_what_needs_one_loop_says_so(nacs, tmp_path: Path, arguments: tuple[str,
     assert "one [control]" in result.err
 
 
-@pytest.mark.parametrize("command", [("crosscheck",), ("run", "--only-trial", 0)])
-def test_commands_of_the_testbed_refuse_other_plants(nacs, tmp_path: Path, command: tuple[str | int, ...]) -> None:
-    (tmp_path / "c.toml").write_text("title = 'T'\nscenario = 'wmap/compare'\ntrials = 2\nseed = 1\n")
-    name = "c.toml" if command[0] == "run" else "wmap/compare"
-    result = nacs(command[0], name, *command[1:])
+def test_commands_of_the_testbed_refuse_other_plants(nacs) -> None:
+    result = nacs("crosscheck", "wmap/compare")
     assert result.code == 2
     assert "plant" in result.err
+
+
+def test_a_trial_of_a_campaign_of_several_loops_can_be_flown_alone(nacs, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(
+        "title = 'T'\nscenario = 'wmap/pd-imm'\ntrials = 3\nseed = 1\n[override]\n\"run.ticks\" = 40\nfaults = []\n"
+        '[dispersion]\n"observers.imm.stay_probability" = { uniform = [0.99, 0.999] }\n'
+    )
+    flown = nacs("campaign", "c.toml", "--out", "all")
+    assert flown.code == 0, flown.err
+    alone = nacs("run", "c.toml", "--only-trial", 2, "--out", "one")
+    assert alone.code == 0, alone.err
+    rows = pq.read_table(tmp_path / "all" / "trials.parquet").to_pylist()
+    wanted = {(r["subject"], r["metric"], r["phase"]): r["value"] for r in rows if r["trial"] == 2 and r["metric"] == "tracking_error_deg"}
+    found = {(r["subject"], r["metric"], r["phase"]): r["value"] for r in pq.read_table(tmp_path / "one" / "trials.parquet").to_pylist()}
+    assert wanted
+    assert all(found[key] == value for key, value in wanted.items())
 
 
 SHORT = {"run.ticks": 150, "faults": [{"kind": "float", "wheel": 1, "start_s": 8.0, "duration_s": 7.0}]}

@@ -1,0 +1,83 @@
+"""Adaptive unscented Kalman filter: an unscented filter with a fading memory and process noise that may depend on the estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.fading import ConstantFading, FadingLaw, Surprise
+from estimation.gaussian import Belief, innovate, joseph, no_detection
+from estimation.proposals import ProcessNoise
+from estimation.state_space import StateSpace
+from estimation.unscented import UnscentedFilter
+from estimation.vector_part import Measured, first_taken, taken
+
+Array = NDArray[np.floating]
+
+
+class FadingMemory(NamedTuple):
+    """What the filter keeps besides a Gaussian belief, as `Belief.memory`."""
+
+    fading: Array  # (...,) factor of the last step
+    variance: Array  # (..., e) of residuals
+    elapsed: Array  # (...,) s since the first reading
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveUnscentedFilter:
+    """Unscented filter whose predicted covariance is lambda M + Q (Rososhansky 2017, sec. 2.5, eq. 2.13).
+
+    M is what the model makes of the covariance before. With a constant factor of one and constant noise it is the unscented filter.
+
+    Attributes:
+      unscented: the filter; its own process noise is not used.
+      process_noise: of one step.
+      fading: law of lambda.
+      measured: all of a reading's quaternion, or its vector part (then with `Signed` coordinates).
+    """
+
+    unscented: UnscentedFilter
+    process_noise: ProcessNoise
+    fading: FadingLaw = field(default_factory=ConstantFading)
+    measured: Measured = "quaternion"
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of the covariance."""
+        return self.unscented.space
+
+    def initial(self, measurement: Array) -> Belief:
+        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
+        belief = self.unscented.initial(first_taken(measurement, self.measured))
+        lead, size = belief.nis.shape, belief.covariance.shape[-1]
+        return belief._replace(memory=FadingMemory(np.ones(lead), np.full((*lead, size), np.nan), np.zeros(lead)))
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+
+        Raises:
+          LostDefiniteness: the innovation covariance is not positive definite.
+        """
+        memory: FadingMemory = belief.memory
+        predicted = self.unscented.propagate(belief, command, dt)
+        residual = self.space.difference(taken(measurement, self.measured), predicted.mean)
+        root = self.process_noise.root(belief.mean, memory.elapsed)
+        process, noise = root @ root.swapaxes(-1, -2), self.unscented.measurement_noise
+        factor, variance = self.fading.factor(Surprise(residual, predicted.covariance, process, noise), memory.variance)
+        covariance = factor[..., None, None] * predicted.covariance + process
+        innovation = innovate(covariance, residual, noise)
+        correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
+        return Belief(
+            mean=self.space.displace(predicted.mean, correction),
+            covariance=joseph(covariance, innovation.gain, noise),
+            innovation=innovation.residual,
+            nis=innovation.nis,
+            log_likelihood=innovation.log_likelihood,
+            dof=innovation.dof,
+            detection=no_detection(innovation.nis),
+            lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
+            memory=FadingMemory(factor, variance, memory.elapsed + dt),
+        )

@@ -1,0 +1,74 @@
+"""Fading memory: how much a filter widens what it predicts, so that old readings count less than new ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+
+
+class Surprise(NamedTuple):
+    """A reading against its prediction, before any fading; of uncorrelated errors only the variances are looked at."""
+
+    residual: Array  # (..., e) reading minus prediction, NaN where missing
+    predicted: Array  # (..., e, e) covariance M that the model makes of the one before, without process noise
+    process_noise: Array  # (..., e, e) Q
+    noise: Array  # (..., e, e) R
+
+
+class FadingLaw(Protocol):
+    """A law of the fading factor lambda in P- = lambda M + Q: frozen settings, its memory handed in and out."""
+
+    def factor(self, surprise: Surprise, variance: Array) -> tuple[Array, Array]:
+        """Factor (...,), and the residuals' variance so far (..., e), NaN in a component of which there were none."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantFading:
+    """The same factor at every step, which forgets readings older than 1 / (lambda - 1) steps; one: nothing fades.
+
+    Rososhansky (2017, sec. 3.3) prints 1e3, with which nothing but the last reading counts.
+
+    Attributes:
+      value: lambda, of the covariance.
+    """
+
+    value: float = 1.0
+
+    def factor(self, surprise: Surprise, variance: Array) -> tuple[Array, Array]:
+        """The value; nothing is remembered."""
+        return np.full(surprise.predicted.shape[:-2], self.value), variance
+
+
+@dataclass(frozen=True)
+class StrongTracking:
+    """A factor that makes residuals as large as they are expected to be (Zhou & Frank 1996, with one factor for all components).
+
+    lambda = clip(tr W (V - Q - R) / tr W M, 1, cap), where V is the residuals' covariance, V_1 = nu nu',
+    V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. With an honest model lambda is one. It stands in for
+    Rososhansky (2017, eq. 2.14), one plus a trace over a constant that is not given; the limit of that is one, though the text says zero.
+
+    Attributes:
+      forgetting: rho.
+      cap: greatest factor.
+    """
+
+    forgetting: float = 0.95
+    cap: float = 1e3
+
+    def factor(self, surprise: Surprise, variance: Array) -> tuple[Array, Array]:
+        """Factor of this step and the variance with its residual in it."""
+        seen = ~np.isnan(surprise.residual)
+        square = np.where(seen, surprise.residual, 0.0) ** 2
+        mixed = (self.forgetting * variance + square) / (1.0 + self.forgetting)
+        variance = np.where(seen, np.where(np.isnan(variance), square, mixed), variance)
+        predicted, process, noise = (np.diagonal(part, axis1=-2, axis2=-1) for part in surprise[1:])
+        weight = np.where(seen, 1.0 / noise, 0.0)
+        surplus = np.sum(weight * (np.where(seen, variance, 0.0) - process - noise), axis=-1)
+        expected = np.sum(weight * predicted, axis=-1)
+        return np.clip(surplus / np.where(expected > 0.0, expected, np.inf), 1.0, self.cap), variance

@@ -1,0 +1,157 @@
+"""Fading memory: the factors by hand, the filter that has them, and a body whose rate is only to be had from its attitude."""
+
+import numpy as np
+import pytest
+
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.fading import ConstantFading, FadingLaw, StrongTracking, Surprise
+from estimation.gaussian import Belief
+from estimation.proposals import ConstantNoise, MatchedNoise, ProcessNoise
+from estimation.state_space import Additive, Signed
+from estimation.unscented import UnscentedFilter
+from models.process import runge_kutta
+from models.quaternion import IDENTITY, angle
+from models.rigid_body import RigidBody
+
+INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])  # of Rososhansky (2017); its filters believe the diagonal
+BODY, MODEL = (RigidBody(inertia, np.eye(3), np.zeros((3, 0))) for inertia in (INERTIA, np.diag(np.diag(INERTIA))))
+VECTOR = np.array([-0.6, 0.4, -0.2])
+START = np.concatenate([VECTOR, [np.sqrt(1 - VECTOR @ VECTOR)], np.ones(3)])
+SIGMA, TICK = 1e-4, 0.01
+NOISE = np.diag([SIGMA**2] * 4 + [1.0] * 3)
+PRINTED = ConstantNoise.of(1e-6 * np.eye(7))
+
+
+def unscented(**settings) -> UnscentedFilter:
+    at_rest = {"prior": np.concatenate([IDENTITY, np.zeros(3)]), "prior_variance": np.repeat([1.0, 1e-3], [4, 3])}
+    return UnscentedFilter(**({"process": MODEL, "process_noise": np.zeros((7, 7)), "measurement_noise": NOISE} | at_rest | settings))
+
+
+def adaptive(fading: FadingLaw, noise: ProcessNoise = PRINTED, **settings) -> AdaptiveUnscentedFilter:
+    space = Signed() if settings.get("measured") == "vector" else Additive()
+    return AdaptiveUnscentedFilter(unscented(space=space), noise, fading, **settings)
+
+
+def tumble(
+    one, ticks: int, trials: int = 8, start: np.ndarray = START, body: RigidBody = BODY, seed: int = 6
+) -> tuple[np.ndarray, list[Belief]]:
+    """True states (ticks, 7) of a body without torque, and beliefs after readings of its attitude."""
+    state, rng, path, beliefs = start, np.random.default_rng(seed), [], []
+    for k in range(ticks):
+        reading = np.full((trials, 7), np.nan)
+        reading[:, :4] = state[:4] + SIGMA * rng.standard_normal((trials, 4))
+        beliefs.append(one.initial(reading) if k == 0 else one.step(beliefs[-1], np.zeros((trials, 3)), reading, TICK))
+        path.append(state)
+        state = runge_kutta(body, state[None], np.zeros(3), TICK)[0]
+    return np.array(path), beliefs
+
+
+def rate_error(path: np.ndarray, beliefs: list[Belief], since: int) -> float:
+    """Root mean square over ticks, trials and axes."""
+    return float(np.sqrt(np.mean((np.array([b.mean[:, 4:] for b in beliefs]) - path[:, None, 4:])[since:] ** 2)))
+
+
+def test_factors_by_hand():
+    residual = np.array([[3.0, np.nan], [1.0, 2.0], [np.nan, np.nan]])
+    surprise = Surprise(residual, np.tile(np.diag([0.5, 2.0]), (3, 1, 1)), np.diag([0.25, 0.5]), np.diag([1.0, 4.0]))
+    law, unknown = StrongTracking(forgetting=0.5, cap=100.0), np.full((3, 2), np.nan)
+    factor, variance = law.factor(surprise, unknown)
+    np.testing.assert_allclose(variance, [[9.0, np.nan], [1.0, 4.0], [np.nan, np.nan]])
+    np.testing.assert_allclose(factor, [(9.0 - 0.25 - 1.0) / 0.5, 1.0, 1.0])  # the second has less surprise than expected
+    factor, variance = law.factor(surprise._replace(residual=-residual), variance)
+    np.testing.assert_allclose(variance[:2], [[9.0, np.nan], [1.0, 4.0]])
+    later, variance = law.factor(surprise._replace(residual=np.array([[0.0, 10.0]] * 3)), variance)
+    np.testing.assert_allclose(variance[0], [3.0, 100.0])
+    np.testing.assert_allclose(later[0], ((3.0 - 1.25) + (100.0 - 4.5) / 4.0) / (0.5 + 2.0 / 4.0))
+    assert StrongTracking(cap=7.0).factor(surprise, unknown)[0][0] == 7.0
+    constant = ConstantFading(1.02).factor(surprise, unknown)
+    np.testing.assert_array_equal(constant[0], [1.02] * 3)
+    np.testing.assert_array_equal(constant[1], unknown)
+
+
+def test_without_fading_it_is_the_unscented_filter():
+    plain = unscented(process_noise=np.diag([1e-10] * 4 + [4e-6] * 3))
+    _, one = tumble(adaptive(ConstantFading(), ConstantNoise.of(plain.process_noise)), 30)
+    _, other = tumble(plain, 30)
+    for mine, theirs in zip(one, other, strict=True):
+        np.testing.assert_allclose(mine.mean, theirs.mean, atol=1e-14)
+        np.testing.assert_allclose(mine.covariance, theirs.covariance, atol=1e-18)
+
+
+def test_the_printed_factor_as_a_constant_leaves_no_memory():
+    """What is left is the difference of the last two readings: 2 sqrt(2) sigma / dt = 0.028 rad/s on each axis, whatever the noise."""
+    for noise in (PRINTED, ConstantNoise.of(np.diag([1e-10] * 4 + [4e-6] * 3))):
+        path, beliefs = tumble(adaptive(ConstantFading(1e3), noise), 400)
+        assert rate_error(path, beliefs, 100) == pytest.approx(2 * np.sqrt(2) * SIGMA / TICK, rel=0.1)
+
+
+def test_a_constant_near_one_forgets_slowly():
+    """The slope of a line with weights that fade by 1 / lambda has an error that grows as (lambda - 1)^(3/2)."""
+    noise, still = ConstantNoise.of(1e-18 * np.eye(7)), START * np.repeat([1.0, 1e-3], [4, 3])
+    found = [rate_error(*tumble(adaptive(ConstantFading(value), noise), 500, start=still), 250) for value in (1.02, 1.06)]
+    assert found[1] / found[0] == pytest.approx(3**1.5, rel=0.25)
+    assert found[0] < 1e-3
+
+
+def test_strong_tracking_forgets_where_the_model_fails_and_nowhere_else():
+    """A rate that jumps, and one that does not, with process noise that expects neither."""
+    noise, still = ConstantNoise.of(np.diag([1e-12] * 4 + [1e-10] * 3)), START * np.repeat([1.0, 0.1], [4, 3])
+
+    def jump(fading: FadingLaw) -> tuple[np.ndarray, list[Belief]]:
+        one = adaptive(fading, noise)
+        path, beliefs = tumble(one, 300, start=still)
+        state, rng = path[-1] + np.repeat([0.0, 0.02], [4, 3]), np.random.default_rng(8)
+        after = [state := runge_kutta(BODY, state[None], np.zeros(3), TICK)[0] for _ in range(100)]
+        for state in after:
+            reading = np.full((8, 7), np.nan)
+            reading[:, :4] = state[:4] + SIGMA * rng.standard_normal((8, 4))
+            beliefs.append(one.step(beliefs[-1], np.zeros((8, 3)), reading, TICK))
+        return np.concatenate([path, after]), beliefs
+
+    rigid, tracking = jump(ConstantFading()), jump(StrongTracking())
+    factor = np.array([b.memory.fading for b in tracking[1]])
+    assert np.median(factor[150:300]) == 1.0
+    assert factor[300:330].max(axis=0).min() > 3.0
+    assert rate_error(*tracking, 370) < 0.5 * rate_error(*rigid, 370)
+
+
+def test_matched_noise_finds_the_rate_of_a_tumbling_body_in_spite_of_a_wrong_inertia():
+    path, beliefs = tumble(adaptive(StrongTracking(), MatchedNoise()), 500)
+    assert rate_error(path, beliefs, 0) > 0.04  # nobody told it
+    assert rate_error(path, beliefs, 100) < 0.03
+    assert angle(beliefs[-1].mean[:, :4], path[-1, :4]).max() < 1e-3
+
+
+def test_the_vector_part_alone_may_lock_onto_a_mirror_image():
+    """At half a turn the fourth component changes its sign, which is not read: q and its mirror (q_1:3, -q_4) look alike."""
+    turned = np.concatenate([[np.sqrt(1 - 0.02**2), 0.0, 0.0, 0.02], [0.5, 0.0, 0.0]])  # soon beyond half a turn
+    lost = {}
+    for measured in ("quaternion", "vector"):
+        path, beliefs = tumble(adaptive(StrongTracking(), MatchedNoise(), measured=measured), 300, start=turned)
+        lost[measured] = angle(beliefs[-1].mean[:, :4], path[-1, :4])
+        assert beliefs[-1].dof.tolist() == [4.0 if measured == "quaternion" else 3.0] * 8
+    assert lost["quaternion"].max() < 1e-3
+    assert np.median(lost["vector"]) > 0.5
+
+
+@pytest.mark.parametrize("size", [1, 3, 10])
+def test_a_trial_has_the_same_bits_in_any_company(size):
+    one, rng, trials = adaptive(StrongTracking(), MatchedNoise()), np.random.default_rng(13), 64
+    reading = np.full((12, trials, 7), np.nan)
+    reading[..., :4] = START[:4] + 1e-3 * rng.standard_normal((12, trials, 4))
+    reading[5, ::3] = np.nan
+    reading[7, ::4, 5] = 1.0
+
+    def fly(some: slice, lead: tuple[int, ...] = ()) -> Belief:
+        belief = one.initial(reading[0, some].reshape(*lead, -1, 7))
+        for k in range(1, 12):
+            belief = one.step(belief, np.full((*lead, 1, 3), 0.1), reading[k, some].reshape(*lead, -1, 7), TICK)
+        return belief
+
+    everyone = fly(slice(None))
+    for first in (0, 37, trials - size):
+        some = slice(first, first + size)
+        alone = fly(some, (1,))
+        for part in ("mean", "covariance", "nis", "log_likelihood", "dof"):
+            np.testing.assert_array_equal(getattr(alone, part)[0], getattr(everyone, part)[some], err_msg=part)
+        np.testing.assert_array_equal(alone.memory.fading[0], everyone.memory.fading[some])
