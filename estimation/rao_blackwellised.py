@@ -1,0 +1,238 @@
+"""Rao-Blackwellised particle filter: particles for one block of the state, and for the other a Gaussian given each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
+from estimation.particle import moments
+from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+
+Array = NDArray[np.floating]
+Flags = NDArray[np.bool_]
+
+
+class Joint(NamedTuple):
+    """Both blocks a step later, of each particle: one Gaussian, its covariances alike for all particles where an axis has length one."""
+
+    sampled: Array  # (..., particles, s) mean
+    conditional: Array  # (..., particles, c) mean
+    spread: Array  # (..., particles, s, s) covariance of the sampled block, process noise and ignorance of the other block in it
+    cross: Array  # (..., particles, c, s)
+    covariance: Array  # (..., particles, c, c) of the conditional block
+
+
+class ConditionalModel(Protocol):
+    """What becomes of a particle and its Gaussian in one step."""
+
+    def joint(self, sampled: Array, mean: Array, covariance: Array, command: Array, dt: float) -> Joint:
+        """Both blocks after `dt` seconds, before the reading.
+
+        Args:
+          sampled: of each particle, (..., particles, s).
+          mean: of its Gaussian, (..., particles, c).
+          covariance: of its Gaussian, (..., particles, c, c).
+          command: (..., 1, r).
+          dt: s.
+        """
+        ...
+
+
+class BlockDraws(NamedTuple):
+    """Random numbers of one step."""
+
+    normals: Array  # (..., particles, s) standard normal
+    uniforms: Array  # (..., particles) in [0, 1), for resampling
+
+
+class BlockBelief(NamedTuple):
+    """What the filter believes after a reading."""
+
+    sampled: Array  # (..., particles, s)
+    mean: Array  # (..., particles, c) of the conditional block, given the particle
+    covariance: Array  # (..., particles, c, c)
+    log_weights: Array  # (..., particles), normalised
+    ess: Array  # (...,) effective number of particles
+    log_likelihood: Array  # (...,) of the reading given the ones before
+
+    @property
+    def sampled_mean(self) -> Array:
+        """Of the sampled block, (..., s)."""
+        return _average(self.log_weights, self.sampled)
+
+    @property
+    def conditional_mean(self) -> Array:
+        """Of the conditional block, (..., c)."""
+        return _average(self.log_weights, self.mean)
+
+    @property
+    def sampled_covariance(self) -> Array:
+        """Of the sampled block, (..., s, s)."""
+        return moments(np.exp(self.log_weights), self.sampled - self.sampled_mean[..., None, :])[1]
+
+    @property
+    def conditional_covariance(self) -> Array:
+        """Of the conditional block, within and between particles, (..., c, c)."""
+        weights = np.exp(self.log_weights)
+        between = moments(weights, self.mean - self.conditional_mean[..., None, :])[1]
+        size = self.mean.shape[-1]
+        flat = self.covariance.reshape(*weights.shape, size * size)
+        return between + _average(self.log_weights, flat).reshape(*between.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class RaoBlackwellisedFilter:
+    """p(s_1:k, c_k | z) = p(c_k | s_1:k, z) p(s_1:k | z): the first factor by a Kalman filter a particle, the second by particles.
+
+    Doucet, de Freitas, Murphy & Russell (2000); Schoen, Gustafsson & Nordlund (2005); Rososhansky (2017, appendix B). A particle that has
+    been drawn says something of the other block, as if it had been read: the Gaussian is corrected by s_k and then by the reading.
+    The reading is z = H_s s + H_c c + v. It holds no random numbers: every step is given its own. NaN is a missing component.
+
+    With the optimal proposal particles are drawn from p(s_k | s_1:k-1, z_1:k) and weighed by p(z_k | s_1:k-1, z_1:k-1), both in closed
+    form; with the prior one they are drawn from p(s_k | s_1:k-1, z_1:k-1) and weighed by p(z_k | s_1:k, z_1:k-1).
+
+    Attributes:
+      model: of both blocks.
+      by_sampled: H_s, (z, s).
+      by_conditional: H_c, (z, c); None: the reading is of the sampled block alone.
+      measurement_noise: R, (z, z), diagonal where components can go missing.
+      particles: how many.
+      proposal: importance density.
+      resampling: scheme.
+      threshold: effective share of the particles below which they are resampled.
+    """
+
+    model: ConditionalModel
+    by_sampled: Array
+    by_conditional: Array | None
+    measurement_noise: Array
+    particles: int = 100
+    proposal: Literal["optimal", "prior"] = "optimal"
+    resampling: Resampling = systematic
+    threshold: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0):
+            raise ValueError(f"particles = {self.particles}, threshold = {self.threshold:g}: need particles >= 2, 0 <= threshold <= 1")
+
+    def initial(self, sampled: Array, spread: Array, mean: Array, covariance: Array, draws: BlockDraws) -> BlockBelief:
+        """Particles around `sampled` (..., s) with covariance `spread`, each with the Gaussian `mean` (..., c), `covariance`."""
+        particles = sampled[..., None, :] + draws.normals @ cholesky(spread).swapaxes(-1, -2)
+        lead = particles.shape[:-1]
+        size = mean.shape[-1]
+        return BlockBelief(
+            sampled=particles,
+            mean=np.array(np.broadcast_to(mean[..., None, :], (*lead, size))),
+            covariance=np.array(np.broadcast_to(covariance[..., None, :, :], (*lead, size, size))),
+            log_weights=np.full(lead, -np.log(self.particles)),
+            ess=np.full(lead[:-1], float(self.particles)),
+            log_likelihood=np.zeros(lead[:-1]),
+        )
+
+    def step(self, belief: BlockBelief, command: Array, reading: Array, dt: float, draws: BlockDraws) -> BlockBelief:
+        """Predict over `dt` seconds of `command` (..., r), then correct with `reading` (..., z).
+
+        Raises:
+          LostDefiniteness: the covariance of an innovation or of a particle's next state is not positive definite.
+        """
+        belief = self._resample(belief, draws.uniforms)
+        joint = self.model.joint(belief.sampled, belief.mean, belief.covariance, command[..., None, :], dt)
+        missing = np.isnan(reading)[..., None, :]
+        seen = ~missing[..., None]
+        value = np.nan_to_num(reading, nan=0.0)[..., None, :]
+        by_sampled, by_conditional = seen * self.by_sampled, None if self.by_conditional is None else seen * self.by_conditional
+        noise = np.where(seen & seen.swapaxes(-1, -2), self.measurement_noise, np.eye(reading.shape[-1]))
+
+        if self.proposal == "optimal":
+            sampled, gained = _look_ahead(joint, value, missing, by_sampled, by_conditional, noise, draws.normals)
+        else:
+            sampled = joint.sampled + _times(cholesky(joint.spread), draws.normals)
+        mean, covariance = _given_sampled(joint, sampled)
+        if by_conditional is None:
+            residual = np.where(missing, 0.0, value - _times(by_sampled, sampled))
+            seen_late = _log_density(residual, noise, missing)
+        else:
+            residual = np.where(missing, 0.0, value - _times(by_sampled, sampled) - _times(by_conditional, mean))
+            mean, covariance, seen_late = _correct(mean, covariance, residual, missing, by_conditional, noise)
+        log_weights, log_likelihood = normalize(belief.log_weights + (gained if self.proposal == "optimal" else seen_late))
+        return BlockBelief(sampled, mean, covariance, log_weights, effective_sample_size(log_weights), log_likelihood)
+
+    def _resample(self, belief: BlockBelief, uniforms: Array) -> BlockBelief:
+        """Particles with their Gaussians, resampled in those trials where too few count."""
+        few = belief.ess < self.threshold * self.particles
+        if not few.any():
+            return belief
+        shape = belief.log_weights.shape
+        chosen = np.broadcast_to(np.arange(self.particles), shape).copy()
+        chosen[few] = self.resampling(np.exp(belief.log_weights[few]), np.broadcast_to(uniforms, shape)[few])
+        from_all = chosen + self.particles * np.arange(few.size).reshape(*few.shape, 1)
+
+        def copied(part: Array) -> Array:
+            return part.reshape(-1, *part.shape[len(shape) :]).take(from_all, axis=0)
+
+        sampled, mean, covariance = copied(belief.sampled), copied(belief.mean), copied(belief.covariance)
+        log_weights = np.where(few[..., None], -np.log(self.particles), belief.log_weights)
+        return belief._replace(sampled=sampled, mean=mean, covariance=covariance, log_weights=log_weights)
+
+
+def _look_ahead(
+    joint: Joint, value: Array, missing: Flags, by_sampled: Array, by_conditional: Array | None, noise: Array, normals: Array
+) -> tuple[Array, Array]:
+    """Sampled blocks drawn with the reading in view, (..., particles, s), and the log density of the reading before, (..., particles)."""
+    shared = joint.spread @ by_sampled.swapaxes(-1, -2)  # covariance of the sampled block with the reading
+    predicted = _times(by_sampled, joint.sampled)
+    innovation: Array = by_sampled @ shared + noise
+    if by_conditional is not None:
+        swapped = by_conditional.swapaxes(-1, -2)
+        other = joint.cross.swapaxes(-1, -2) @ swapped
+        both = by_sampled @ other
+        innovation = innovation + both + both.swapaxes(-1, -2) + by_conditional @ joint.covariance @ swapped
+        shared, predicted = shared + other, predicted + _times(by_conditional, joint.conditional)
+    residual = np.where(missing, 0.0, value - predicted)
+    innovation = symmetrize(innovation)
+    gain = np.linalg.solve(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
+    left = symmetrize(joint.spread - gain @ shared.swapaxes(-1, -2))
+    drawn = joint.sampled + _times(gain, residual) + _times(cholesky(left), normals)
+    return drawn, _log_density(residual, innovation, missing)
+
+
+def _given_sampled(joint: Joint, sampled: Array) -> tuple[Array, Array]:
+    """The conditional block once the sampled one has been drawn: as if that had been read without noise."""
+    whitening = np.linalg.solve(cholesky(joint.spread), np.eye(sampled.shape[-1]))  # once where all particles share it
+    gain = (joint.cross @ whitening.swapaxes(-1, -2)) @ whitening
+    mean = joint.conditional + _times(gain, sampled - joint.sampled)
+    known = gain @ joint.cross.swapaxes(-1, -2)
+    return mean, np.subtract(joint.covariance, known, out=known)  # in place: these are the largest arrays of all
+
+
+def _correct(
+    mean: Array, covariance: Array, residual: Array, missing: Flags, by_conditional: Array, noise: Array
+) -> tuple[Array, Array, Array]:
+    """Kalman's correction of every Gaussian in Joseph's form, and the log density of its residual."""
+    shared = covariance @ by_conditional.swapaxes(-1, -2)
+    innovation = symmetrize(by_conditional @ shared + noise)
+    gain = np.linalg.solve(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
+    keep = np.eye(mean.shape[-1]) - gain @ by_conditional
+    after = symmetrize(keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2))
+    return mean + _times(gain, residual), after, _log_density(residual, innovation, missing)
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def _average(log_weights: Array, values: Array) -> Array:
+    return (np.exp(log_weights)[..., None, :] @ values)[..., 0, :]
+
+
+def _log_density(residual: Array, covariance: Array, missing: Flags) -> Array:
+    """Log of the normal density of residuals (..., particles, z), those that are missing being zero with unit variance."""
+    root = cholesky(covariance)
+    white = np.linalg.solve(root, residual[..., None])[..., 0]
+    log_det = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
+    dof = np.sum(~missing, axis=-1)
+    return -0.5 * (np.einsum("...i,...i->...", white, white) + log_det + dof * LOG_TWO_PI)

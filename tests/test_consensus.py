@@ -1,0 +1,209 @@
+"""Consensus tracking: the physics against an integrator, the loop against itself in other company, and the chapter's claims in short."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy.integrate import solve_ivp
+
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.fading import StrongTracking
+from estimation.partly_read import PartlyReadFilter
+from estimation.proposals import ConstantNoise
+from estimation.state_space import Euclidean
+from estimation.unscented import UnscentedFilter
+from models.agents import AgentsParameters, compile_agents
+from models.chebyshev_network import ChebyshevNetwork
+from models.planar_agent import PlanarAgent, runge_kutta_of_motion
+from sim.consensus_family import FAMILY
+from sim.consensus_loop import fly, unknown_force
+from sim.consensus_metrics import absolute_error, dynamics_error, relative_error
+from sim.consensus_plant import AgentsPlant
+from sim.consensus_series import happenings
+from sim.results import rows
+
+FOLDER = Path(__file__).resolve().parents[1] / "sim" / "scenarios" / "consensus"
+NAMES = ("fault-free", "dynamics", "disturbance", "command-fault")
+
+
+def scenario(name: str, ticks: int = 2000, only: tuple[str, ...] = (), **changes):
+    data = tomllib.loads((FOLDER / f"{name}.toml").read_text())
+    data["run"] |= {"ticks": ticks}
+    data["loops"] = {k: v for k, v in data["loops"].items() if not only or k in only}
+    return FAMILY.settings.model_validate(data | changes)
+
+
+def flown(name: str, loop: str, ticks: int = 2000, trials: int = 1, **changes):
+    settings = scenario(name, ticks, (loop,), **changes)
+    return fly(loop, settings.loops[loop], settings, np.arange(trials) + 70)
+
+
+def between(values, start: float, end: float):
+    return values[round(start / 0.01) : round(end / 0.01)]
+
+
+# the plant --------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("step_s", "most"), [(0.01, 2e-4), (0.002, 8e-6)])
+def test_the_motion_is_that_of_an_integrator(step_s, most):
+    settings = scenario("disturbance")
+
+    def force(motion, time):
+        return unknown_force(settings, motion, time) - 8.0 * motion[..., :2] - 3.0 * motion[..., 2:]
+
+    def slope(time, state):
+        motion = state.reshape(6, 4)
+        return np.concatenate([motion[:, 2:], force(motion, time)], axis=-1).ravel()
+
+    plant = AgentsPlant(compile_agents(AgentsParameters(step_s=step_s)), 1.0, 2)
+    start = plant.motion()
+    np.testing.assert_array_equal(start[1], AgentsParameters().start)
+    plant.slide(force, round(2.0 / step_s))
+    expected = solve_ivp(slope, (0.0, 2.0), start[0].ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(6, 4)
+    assert np.abs(plant.motion() - expected).max() < most
+
+
+def test_faults_change_what_moves_the_agents():
+    settings, motion = scenario("dynamics"), np.random.default_rng(1).standard_normal((3, 6, 4))
+    still = settings.model_copy(update={"disturbance": (0.0, 0.5)})
+    before, then, late, last = (unknown_force(still, motion, t) for t in (1.0, 3.0, 12.0, 16.0))
+    np.testing.assert_allclose(then, 3.0 * before)
+    np.testing.assert_allclose(late, before * [1.25, -1.0])
+    np.testing.assert_array_equal(last, before)
+    pushed = unknown_force(scenario("disturbance"), np.zeros((6, 4)), 7.0)
+    np.testing.assert_allclose(pushed[:, 0], 8.0 * np.sin(0.5 * 7.0 * np.arange(1, 7)), atol=1e-12)
+
+
+# the loop ---------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_trial_is_the_same_to_the_bit_in_any_company():
+    settings = scenario("command-fault", 15, faults=[{"kind": "command", "start_s": 0.05, "end_s": 0.1}])
+    alone, kept = FAMILY.simulate(settings, np.array([5]), np.array([5]))
+    for trials in (np.array([4, 5, 6]), np.arange(10)):
+        together, other = FAMILY.simulate(settings, trials, np.array([5]))
+        place = int(np.flatnonzero(trials == 5)[0])
+        for one, many in zip(alone, together, strict=True):
+            np.testing.assert_array_equal(one.values[0], many.values[place], err_msg=f"{one.subject} {one.metric}")
+        for loop, what in kept.items():
+            for key, values in what.channels.items():
+                np.testing.assert_array_equal(values, other[loop].channels[key], err_msg=f"{loop} {key}")
+
+
+def test_a_trial_that_is_lost_drifts_away_and_fails_nothing():
+    wild = {"type": "marginalised", "sampled": "weights", "proposal": "prior", "particles": 10, "first_weight_std": 3.0}
+    settings = scenario("fault-free", 600, loops={"wild": wild})
+    metrics, kept = FAMILY.simulate(settings, np.arange(2), np.arange(2))
+    lost = next(m for m in metrics if m.metric == "lost_s").values
+    assert np.isfinite(lost).all()
+    for trial, since in enumerate(np.round(lost / 0.01).astype(int)):
+        truth, learned = (kept["wild"].channels[key][:, trial] for key in ("truth", "learned"))
+        assert np.isnan(learned[since:]).all()
+        assert np.isfinite(learned[:since]).all()
+        np.testing.assert_array_equal(truth[since + 1 :, :, 2:], np.broadcast_to(truth[-1, :, 2:], truth[since + 1 :, :, 2:].shape))
+        assert absolute_error(kept["wild"])[-1, trial] > 100.0
+
+
+def test_the_filter_of_what_is_read_is_the_filter_of_the_whole_state():
+    """With weights that are never read `PartlyReadFilter` is `AdaptiveUnscentedFilter`, at half the cost."""
+    agent, rng = PlanarAgent(ChebyshevNetwork(order=1)), np.random.default_rng(2)
+    process, first = np.diag([1e-6] * 4 + [1e-4] * 10), np.array([1e-8] * 4 + [1.0] * 10)
+
+    def unscented(noise):
+        return UnscentedFilter(agent, process, noise, np.zeros(14), first, Euclidean(), integrate=runge_kutta_of_motion)
+
+    part = PartlyReadFilter(unscented(1e-8 * np.eye(4)), StrongTracking())
+    whole = AdaptiveUnscentedFilter(
+        unscented(np.diag([1e-8] * 4 + [1.0] * 10)), ConstantNoise(np.diag(np.sqrt(np.diagonal(process)))), StrongTracking()
+    )
+    reading = 0.3 + 0.01 * rng.standard_normal((8, 3, 4)).cumsum(axis=0)
+    reading[4, 1], reading[5, 2, 2:] = np.nan, np.nan
+    padded = np.concatenate([reading, np.full((8, 3, 10), np.nan)], axis=-1)
+    one, other = part.initial(reading[0]), whole.initial(padded[0])
+    for k in range(1, 8):
+        command = rng.standard_normal((3, 2))
+        one, other = part.step(one, command, reading[k], 0.01), whole.step(other, command, padded[k], 0.01)
+        np.testing.assert_allclose(one.mean, other.mean, rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6, atol=1e-10)
+        np.testing.assert_allclose([one.nis, one.log_likelihood, one.dof], [other.nis, other.log_likelihood, other.dof], rtol=1e-6)
+
+
+# what the chapter says --------------------------------------------------------------------------------------------------------------
+
+
+def test_errors_at_the_start_are_those_of_figure_5_6():
+    start = flown("fault-free", "exact", ticks=1)
+    assert absolute_error(start)[0, 0] == pytest.approx(3.626, abs=5e-4)
+    assert relative_error(start)[0, 0] == pytest.approx(8.868, abs=1e-3)
+
+
+def test_exact_dynamics_leave_what_the_law_leaves():
+    found = absolute_error(flown("fault-free", "exact", ticks=1500))
+    assert between(found, 5.0, 15.0).mean() == pytest.approx(0.020, abs=0.002)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_learning_the_agents_diverge(name):
+    assert absolute_error(flown(name, "none"))[-1, 0] > 10.0
+
+
+def test_the_joint_filter_learns_and_beats_the_adaptive_law():
+    first = [{"kind": "dynamics", "start_s": 2.0, "gain": [3.0, 3.0]}]
+    joint, adaptive = (flown("dynamics", name, ticks=800, faults=first) for name in ("aukf", "adtl"))
+    aem = [absolute_error(loop) for loop in (joint, adaptive)]
+    assert between(aem[0], 3.0, 8.0).max() < 0.1
+    assert between(aem[1], 2.0, 8.0).mean() > 3.0 * between(aem[0], 2.0, 8.0).mean()
+    wrong = [np.sqrt(between(dynamics_error(loop), 2.0, 8.0).mean()) for loop in (joint, adaptive)]
+    assert wrong[1] > 2.0 * wrong[0]
+
+
+def test_the_marginalised_filter_is_no_better_than_the_joint_one():
+    """Particles on the state: within 10 % of the joint filter's errors while agents come in."""
+    joint, particles = (absolute_error(flown("fault-free", name, ticks=260)) for name in ("aukf", "mupf-b"))
+    assert between(particles, 0.0, 2.6).mean() == pytest.approx(between(joint, 0.0, 2.6).mean(), rel=0.1)
+    assert particles[-1, 0] < 0.1
+
+
+# what a person writes and sees ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_files_of_the_chapter_are_complete(name):
+    settings = scenario(name)
+    assert set(settings.loops) == {"exact", "none", "adtl", "aukf", "mupf-a", "mupf-a-prior", "mupf-b"}
+    assert len(happenings(settings)) == len(settings.faults)
+    assert bool(settings.faults) == (name != "fault-free")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"loops": {}}, "no loop to fly"),
+        ({"loops": {"truth": {"type": "exact"}}}, "cannot be a loop's name"),
+        ({"loops": {"a": {"type": "adaptive-law", "tick_s": 0.003}}}, "not a whole number"),
+        ({"loops": {"a": {"type": "marginalised", "resampling": "none"}}}, "no resampling 'none'"),
+        ({"plant": {"type": "agents", "step_s": 0.004}}, "not a whole number"),
+        ({"faults": [{"kind": "dynamics", "start_s": 21.0, "gain": [1, 1]}]}, "faults.0"),
+        ({"faults": [{"kind": "command", "start_s": 3.0, "end_s": 2.0}]}, "faults.0"),
+        ({"graph": {"links": [[1, 2, 0.7]]}}, "no path leads from the leader"),
+        ({"graph": {"links": [[1, 7, 0.7]]}}, "no agent 7"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(change, said):
+    with pytest.raises(ValidationError, match=said):
+        scenario("fault-free", **change)
+
+
+def test_pictures_and_tables_are_written(tmp_path):
+    settings = scenario("command-fault", 60, ("exact", "none", "aukf"), faults=[{"kind": "command", "start_s": 0.1, "end_s": 0.2}])
+    metrics, kept = FAMILY.simulate(settings, np.arange(2), np.arange(2))
+    tables = FAMILY.tables(rows(metrics), settings, 2)
+    assert [table.row_count for table in tables] == [3, 3]
+    FAMILY.write_report(tmp_path / "report.png", "consensus/command-fault", settings, kept)
+    FAMILY.write_recording(tmp_path / "recording.rrd", "consensus/command-fault", settings, kept, settings.model_dump(mode="json"))
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in ("report.png", "recording.rrd"))
+    assert FAMILY.warnings(settings) == []
+    assert "mupf-b" in FAMILY.warnings(scenario("fault-free"))[0]
