@@ -24,8 +24,8 @@ from models.quaternion import IDENTITY, normalize
 from models.rigid_body import RigidBody
 from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
-from sim.observer_settings import TUNINGS
 from sim.sensors import SensorSettings
+from sim.tunings import TUNINGS
 
 Array = NDArray[np.floating]
 Filter = ExtendedFilter | UnscentedFilter | InteractingMultipleModel

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from models.inertia import why_impossible
 from models.process import ProcessModel
 
 Array = NDArray[np.floating]
@@ -36,6 +37,51 @@ class Prepared(NamedTuple):
 
     spec: mujoco.MjSpec
     reassemble: Callable[[Array, Array], MassProperties]
+
+
+class Whole(Protocol):
+    """What is known of a spacecraft as a whole."""
+
+    @property
+    def inertia_kg_m2(self) -> Any:
+        """As a person gave it."""
+        ...
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) kg m2, physical or not."""
+        ...
+
+    @property
+    def centre_of_mass(self) -> Array:
+        """(3,) m in B."""
+        ...
+
+
+def prepare(
+    spec: mujoco.MjSpec, whole: Whole, reassemble: Callable[[Array, Array], MassProperties], attached: str | None = None
+) -> Prepared:
+    """Give the body that carries all others what makes the whole right.
+
+    Args:
+      spec: with everything that is attached to that body; it gets the body's mass properties.
+      whole: what is wanted.
+      reassemble: mass properties of that body for an inertia and centre of mass of the whole.
+      attached: what there is besides, for the complaint.
+
+    Raises:
+      ImpossibleInertia: no rigid body has the tensor of the whole, or what is left of it for that body.
+    """
+    if reason := why_impossible(whole.inertia):
+        raise ImpossibleInertia(f"inertia_kg_m2 = {whole.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
+    own = reassemble(whole.inertia, whole.centre_of_mass)
+    if attached and (reason := why_impossible(np.diag(own.moments))):
+        raise ImpossibleInertia(f"inertia_kg_m2 = {whole.inertia_kg_m2!r}: without {attached} no rigid body is left, {reason}")
+    body = spec.body(own.body)
+    body.mass, body.ipos, body.inertia, body.iquat = float(own.mass), own.centre_of_mass, own.moments, own.axes
+    body.fullinertia = np.full(6, np.nan)
+    body.explicitinertial = True
+    return Prepared(spec, reassemble)
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from models import inertia as mass_geometry
 from models import provenance
 from models.appendage import FlexibleChannel
-from models.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
+from models.assembly import Assembly, MassProperties, Prepared, prepare
 from models.flexible_picture import draw_to_size
 from models.provenance import known
 from models.rigid_body import RigidBody
 from models.wheel_faults import WheelFault
-from models.wheels import pyramid
+from models.wheels import mount, pyramid
 
 Array = NDArray[np.floating]
 
@@ -189,27 +189,18 @@ def prepare_flexible(parameters: FlexibleParameters) -> Prepared:
     Raises:
       ImpossibleInertia: no rigid body has the tensor of the whole, or what is left of it for the hub.
     """
-    if reason := mass_geometry.why_impossible(parameters.inertia):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
     spec = mujoco.MjSpec.from_file(str(MJCF))
     spec.option.timestep = parameters.step_s
     size = np.array([parameters.panel_width_m, parameters.hinge_offset_m, parameters.panel_length_m])
     draw_to_size(spec, PANELS, size, parameters.look)
-    _set_wheels(spec, parameters)
+    mount(spec, WHEELS, parameters)
     _set_panels(spec, parameters)
     attached = _attached(spec, parameters)
 
     def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
         return _hub(parameters, attached, inertia, centre_of_mass)
 
-    hub = reassemble(parameters.inertia, parameters.centre_of_mass)
-    if reason := mass_geometry.why_impossible(np.diag(hub.moments)):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: without panels and wheels no rigid body is left, {reason}")
-    body = spec.body(hub.body)
-    body.mass, body.ipos, body.inertia, body.iquat = float(hub.mass), hub.centre_of_mass, hub.moments, hub.axes
-    body.fullinertia = np.full(6, np.nan)
-    body.explicitinertial = True
-    return Prepared(spec, reassemble)
+    return prepare(spec, parameters, reassemble, "panels and wheels")
 
 
 def compile_flexible(parameters: FlexibleParameters | None = None) -> Assembly:
@@ -238,18 +229,6 @@ def compile_flexible(parameters: FlexibleParameters | None = None) -> Assembly:
         reassemble=reassemble,
         keyframe="rest",
     )
-
-
-def _set_wheels(spec: mujoco.MjSpec, parameters: FlexibleParameters) -> None:
-    limit = parameters.torque_limit
-    for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
-        body, joint = spec.body(name), spec.joint(name)
-        body.alt.zaxis = axis
-        body.mass = parameters.wheel_mass_kg
-        body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
-        joint.damping[0] = parameters.wheel_viscous_nms
-        joint.frictionloss = parameters.wheel_coulomb_nm
-        spec.actuator(name).ctrlrange = [-limit, limit]
 
 
 def _set_panels(spec: mujoco.MjSpec, parameters: FlexibleParameters) -> None:

@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from models import inertia as mass_geometry
 from models import provenance
-from models.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
+from models.assembly import Assembly, MassProperties, Prepared, prepare
 from models.provenance import known
 from models.rigid_body import RigidBody
 from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
-from models.wheels import crossed, pyramid
+from models.wheels import crossed, mount, pyramid
 
 Array = NDArray[np.floating]
 
@@ -128,24 +128,15 @@ def prepare_freeflyer(parameters: FreeflyerParameters) -> Prepared:
     Raises:
       ImpossibleInertia: no rigid body has the tensor of the whole, or what is left of it for the hull.
     """
-    if reason := mass_geometry.why_impossible(parameters.inertia):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
     spec = mujoco.MjSpec.from_file(str(MJCF))
     spec.option.timestep = parameters.step_s
-    _set_wheels(spec, parameters)
+    mount(spec, WHEELS, parameters)
     wheels = _wheels_alone(spec, parameters)
 
     def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
         return _hull(parameters, wheels, inertia, centre_of_mass)
 
-    hull = reassemble(parameters.inertia, parameters.centre_of_mass)
-    if reason := mass_geometry.why_impossible(np.diag(hull.moments)):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: without wheels no rigid body is left, {reason}")
-    body = spec.body(hull.body)
-    body.mass, body.ipos, body.inertia, body.iquat = float(hull.mass), hull.centre_of_mass, hull.moments, hull.axes
-    body.fullinertia = np.full(6, np.nan)
-    body.explicitinertial = True
-    return Prepared(spec, reassemble)
+    return prepare(spec, parameters, reassemble, "wheels")
 
 
 def compile_freeflyer(parameters: FreeflyerParameters | None = None) -> Assembly:
@@ -174,18 +165,6 @@ def compile_freeflyer(parameters: FreeflyerParameters | None = None) -> Assembly
         reassemble=reassemble,
         keyframe="rest",
     )
-
-
-def _set_wheels(spec: mujoco.MjSpec, parameters: FreeflyerParameters) -> None:
-    limit = parameters.torque_limit
-    for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
-        body, joint = spec.body(name), spec.joint(name)
-        body.alt.zaxis = axis
-        body.mass = parameters.wheel_mass_kg
-        body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
-        joint.damping[0] = parameters.wheel_viscous_nms
-        joint.frictionloss = parameters.wheel_coulomb_nm
-        spec.actuator(name).ctrlrange = [-limit, limit]
 
 
 def _wheels_alone(spec: mujoco.MjSpec, parameters: FreeflyerParameters) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from models import inertia as mass_geometry
 from models import provenance
-from models.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
+from models.assembly import Assembly, MassProperties, Prepared, prepare
 from models.provenance import known
 from models.rigid_body import RigidBody
 
@@ -91,8 +91,6 @@ def prepare_monolithic(parameters: MonolithicParameters) -> Prepared:
     Raises:
       ImpossibleInertia: no rigid body has the tensor.
     """
-    if reason := mass_geometry.why_impossible(parameters.inertia):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
     spec = mujoco.MjSpec.from_file(str(MJCF))
     spec.option.timestep = parameters.step_s
 
@@ -101,12 +99,7 @@ def prepare_monolithic(parameters: MonolithicParameters) -> Prepared:
         position = np.asarray(centre_of_mass, dtype=float)
         return MassProperties("hull", np.full(position.shape[:-1], parameters.mass_kg), position, moments, axes)
 
-    hull = reassemble(parameters.inertia, parameters.centre_of_mass)
-    body = spec.body(hull.body)
-    body.mass, body.ipos, body.inertia, body.iquat = float(hull.mass), hull.centre_of_mass, hull.moments, hull.axes
-    body.fullinertia = np.full(6, np.nan)
-    body.explicitinertial = True
-    return Prepared(spec, reassemble)
+    return prepare(spec, parameters, reassemble)
 
 
 def compile_monolithic(parameters: MonolithicParameters | None = None) -> Assembly:

@@ -14,11 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from models import inertia as mass_geometry
 from models import provenance
-from models.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
+from models.assembly import Assembly, MassProperties, Prepared, prepare
 from models.provenance import known
 from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
-from models.wheels import pyramid
+from models.wheels import mount, pyramid
 
 Array = NDArray[np.floating]
 
@@ -155,8 +155,6 @@ def prepare_nacs(parameters: NacsParameters) -> Prepared:
     Raises:
       ImpossibleInertia: no rigid body has the tensor of the whole, or what is left of it for the bus.
     """
-    if reason := mass_geometry.why_impossible(parameters.inertia):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: no rigid body has it, {reason}; the analytic model runs it")
     spec = mujoco.MjSpec.from_file(str(MJCF))
     _set_wheels(spec, parameters)
     _set_environment(spec, parameters)
@@ -165,14 +163,7 @@ def prepare_nacs(parameters: NacsParameters) -> Prepared:
     def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
         return _bus(parameters, home, inertia, centre_of_mass)
 
-    bus = reassemble(parameters.inertia, parameters.centre_of_mass)
-    if reason := mass_geometry.why_impossible(np.diag(bus.moments)):
-        raise ImpossibleInertia(f"inertia_kg_m2 = {parameters.inertia_kg_m2!r}: without wheels and masses no rigid body is left, {reason}")
-    body = spec.body(bus.body)
-    body.mass, body.ipos, body.inertia, body.iquat = float(bus.mass), bus.centre_of_mass, bus.moments, bus.axes
-    body.fullinertia = np.full(6, np.nan)
-    body.explicitinertial = True
-    return Prepared(spec, reassemble)
+    return prepare(spec, parameters, reassemble, "wheels and masses")
 
 
 def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
@@ -204,15 +195,11 @@ def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
 
 
 def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
+    mount(spec, WHEELS, parameters)
     limit, voltage = parameters.torque_limit, parameters.supply_voltage_v
-    for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
-        body, joint, drive = spec.body(name), spec.joint(name), spec.actuator(name)
-        body.alt.zaxis = axis
-        body.mass = parameters.wheel_mass_kg
-        body.ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
-        body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
-        joint.damping[0] = parameters.wheel_viscous_nms
-        joint.frictionloss = parameters.wheel_coulomb_nm
+    for name in WHEELS:
+        drive = spec.actuator(name)
+        spec.body(name).ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
         drive.set_to_dcmotor(
             motorconst=[parameters.motor_constant_nm_a] * 2,
             resistance=parameters.winding_resistance_ohm,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,3 +36,55 @@ def crossed(tilt_xy: float = np.pi / 4, tilt_yz: float = np.pi / 4) -> Array:
             [0.0, 0.0, d, -d],
         ]
     )
+
+
+class WheelParameters(Protocol):
+    """What is known of wheels that are all alike."""
+
+    @property
+    def wheel_axes(self) -> Array:
+        """(3, wheels)."""
+        ...
+
+    @property
+    def wheel_mass_kg(self) -> float:
+        """Of a wheel."""
+        ...
+
+    @property
+    def wheel_inertia_kg_m2(self) -> float:
+        """About its spin axis."""
+        ...
+
+    @property
+    def wheel_transverse_inertia_kg_m2(self) -> float:
+        """Across it."""
+        ...
+
+    @property
+    def wheel_viscous_nms(self) -> float:
+        """Viscous friction of its bearing."""
+        ...
+
+    @property
+    def wheel_coulomb_nm(self) -> float:
+        """Dry friction of its bearing."""
+        ...
+
+    @property
+    def torque_limit(self) -> float:
+        """N m a wheel."""
+        ...
+
+
+def mount(spec: Any, names: Sequence[str], parameters: WheelParameters) -> None:
+    """Set up the bodies, hinges and actuators of these names in a MuJoCo specification as wheels."""
+    limit = parameters.torque_limit
+    for name, axis in zip(names, parameters.wheel_axes.T, strict=True):
+        body, joint = spec.body(name), spec.joint(name)
+        body.alt.zaxis = axis
+        body.mass = parameters.wheel_mass_kg
+        body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
+        joint.damping[0] = parameters.wheel_viscous_nms
+        joint.frictionloss = parameters.wheel_coulomb_nm
+        spec.actuator(name).ctrlrange = [-limit, limit]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Annotated, Literal
 
 import numpy as np
@@ -52,7 +53,7 @@ class ModeWeightedSettings(_Section):
 AllocationSettings = Annotated[PseudoInverseSettings | ModeWeightedSettings, Field(discriminator="type")]
 
 
-class LawSettings(_Section):
+class LawSettings(_Section, ABC):
     """What all laws can be told."""
 
     axis_limit_nm: Positive | None = Field(None, description="the demand is clipped to this about each body axis before it is allocated")
@@ -62,16 +63,11 @@ class LawSettings(_Section):
     @property
     def gains(self) -> dict[str, float | tuple[float, ...]]:
         """The gains that can differ between modes, by key."""
-        raise NotImplementedError
+        return {}
 
-    def law(self, model: BodyModel) -> Controller:
-        """The law on its own."""
-        raise NotImplementedError
-
-    def controller(self, assembly: Assembly, tick_s: float) -> Controller | RememberingController:  # noqa: ARG002
+    @abstractmethod
+    def controller(self, assembly: Assembly, tick_s: float) -> Controller | RememberingController:
         """The law with its limit, believing the plant's own inertia and wheels."""
-        law = self.law(BodyModel(assembly.inertia, assembly.wheel_inertia * assembly.wheel_axes))
-        return AxisLimited(law, self.axis_limit_nm) if self.axis_limit_nm else law
 
     def allocator(self, assembly: Assembly, modes: tuple[WheelFault, ...]) -> Allocation:
         """How its torque is shared among the wheels; `modes` are those of the feedback observer."""
@@ -84,7 +80,20 @@ class LawSettings(_Section):
         return ModeWeightedAllocation(assembly.wheel_axes, assembly.wheel_torque_limit, health, *latch)
 
 
-class PdSettings(LawSettings):
+class MemorylessSettings(LawSettings):
+    """What laws without a memory have in common."""
+
+    @abstractmethod
+    def law(self, model: BodyModel) -> Controller:
+        """The law on its own."""
+
+    def controller(self, assembly: Assembly, tick_s: float) -> Controller:  # noqa: ARG002
+        """The law with its limit, believing the plant's own inertia and wheels."""
+        law = self.law(BodyModel(assembly.inertia, assembly.wheel_inertia * assembly.wheel_axes))
+        return AxisLimited(law, self.axis_limit_nm) if self.axis_limit_nm else law
+
+
+class PdSettings(MemorylessSettings):
     """Quaternion feedback on the tracking error; a list of gains has one for each mode of the feedback observer."""
 
     type: Literal["pd"]
@@ -102,7 +111,7 @@ class PdSettings(LawSettings):
         return ProportionalDerivative(self.proportional_nm, self.derivative_nms, model if self.feed_forward else None)
 
 
-class SlidingModeSettings(LawSettings):
+class SlidingModeSettings(MemorylessSettings):
     """Sliding mode on rate and quaternion error; a list of gains has one for each mode of the feedback observer."""
 
     type: Literal["sliding-mode"]
@@ -120,7 +129,7 @@ class SlidingModeSettings(LawSettings):
         return SlidingMode(self.slope_rad_s, self.reaching_rad_s2, model, self.boundary_layer_rad_s)
 
 
-class OutputFeedbackSettings(LawSettings):
+class OutputFeedbackSettings(MemorylessSettings):
     """Backstepping on an observer's rate for a body without rate gyro (Rososhansky 2017, eq. 3.12, its Greek letters derived anew)."""
 
     type: Literal["output-feedback"]
@@ -130,11 +139,6 @@ class OutputFeedbackSettings(LawSettings):
     kappa: NonNegative = Field(10.0, description="another")
     power: Annotated[float, Field(gt=0.5, le=1)] = Field(1.0, description="a: linear at one, as printed; in finite time below")
     shortest: bool = Field(False, description="turn to the nearer of q and -q, which are one attitude; as printed to q_4 = 1")
-
-    @property
-    def gains(self) -> dict[str, float | tuple[float, ...]]:
-        """None that differ between modes."""
-        return {}
 
     def law(self, model: BodyModel) -> Controller:
         """The law on its own."""
@@ -155,11 +159,6 @@ class UnfalsifiedSettings(LawSettings):
     error_bound: Positive = Field(2.25, description="M1 of the weight W1 on the error")
     archive: Annotated[int, Field(ge=4)] = Field(40, description="past tests kept")
     delay_ticks: Annotated[int, Field(ge=0)] = Field(0, description="from a decision to its torque")
-
-    @property
-    def gains(self) -> dict[str, float | tuple[float, ...]]:
-        """None that differ between modes."""
-        return {}
 
     def controller(self, assembly: Assembly, tick_s: float) -> AntennaPointing:
         """The law, believing an inertia that is off by the given error."""

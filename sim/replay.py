@@ -16,11 +16,12 @@ from sim import scenario as scenarios
 from sim.faults import Occurrence
 from sim.flight_log import STATES, WHEELS, FlightLog
 from sim.guests import Guests
-from sim.observer_settings import TUNINGS, ObserverSettings
+from sim.observer_settings import ObserverSettings
 from sim.observers import Bank, Models, build_banks
 from sim.plant import SimulationFailed
 from sim.recording import Recorder, Recording
 from sim.scenario import BadInput, Scenario
+from sim.tunings import TUNINGS
 
 Array = NDArray[np.floating]
 

@@ -14,10 +14,11 @@ from sim.closed_loop_identification import IdentificationSettings
 from sim.complaints import first_complaint
 from sim.control_settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
 from sim.faults import Fault, earliest_start, latest_end
-from sim.observer_settings import TUNINGS, Imm, ObserverSettings, Tuning
+from sim.observer_settings import Imm, ObserverSettings
 from sim.plants import NacsPlant, PlantSettings, complain_of_masses
 from sim.references import ReferenceSettings
 from sim.sensors import SENSOR_SETS, SensorSettings
+from sim.tunings import TUNINGS, Tuning
 
 SCENARIOS = Path(__file__).with_name("scenarios")
 
