@@ -9,10 +9,11 @@ from benchmarks.campaign import campaign
 from benchmarks.filters import filters
 from benchmarks.loop import sizes, workers
 from benchmarks.output import output
+from benchmarks.particles import particles
 from benchmarks.physics import physics
 from benchmarks.show import machine
 
-TABLES = {work.__name__: work for work in (physics, filters, sizes, workers, output, campaign)}
+TABLES = {work.__name__: work for work in (physics, filters, particles, sizes, workers, output, campaign)}
 
 
 def main() -> None:

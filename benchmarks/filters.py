@@ -67,10 +67,10 @@ HEALTHY, FLOATING = rigid_body(), rigid_body(1)
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of filter: the twin's, if it has one, what no such filter can save, and what peers call it."""
+    """A kind of filter: the twin's, what no such filter can save, and what peers call it."""
 
     name: str
-    twin: Filter | None
+    twin: Filter
     model: Callable[[Array, Array], object]  # asked at every tick with readings and commands
     peers: dict[str, str]
 
@@ -112,7 +112,6 @@ KINDS = (
         at_sigma_points(HEALTHY, FLOATING),
         {"filterpy": "interacting_7"},
     ),
-    Kind("particle filter", None, linearized(), {}),
 )
 BLANK = ("",) * len(SIZES)
 
@@ -188,7 +187,7 @@ def single(peer: Peer, work: str, noise: ExtendedFilter | UnscentedFilter, heard
 
 def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tuple[str, ...]]:
     """Rows of one kind: the twin's filter, the model's share, and every peer."""
-    first = kind.twin.filters[0] if isinstance(kind.twin, InteractingMultipleModel) else kind.twin or STANDARD
+    first = kind.twin.filters[0] if isinstance(kind.twin, InteractingMultipleModel) else kind.twin
     assert isinstance(first, ExtendedFilter | UnscentedFilter)
     heard = everything.for_states(len(first.prior))
     sizes = [heard.first(ticks, trials) for trials, ticks in SIZES.items()]
@@ -196,13 +195,10 @@ def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tup
     works = {package: work for package, work in kind.peers.items() if package in peers}
     estimates = [ask(peers[package], work, first, few)["means"] for package, work in works.items()]  # and warm up
     contenders = [partial(single, peers[package], work, first, sizes[0]) for package, work in works.items()]
-    if kind.twin:
-        means = follow(kind.twin, few)
-        contenders += [
-            partial(cpu_seconds, partial(work, some))
-            for work in (partial(follow, kind.twin), partial(evaluate, kind.model))
-            for some in sizes
-        ]
+    means = follow(kind.twin, few)
+    contenders += [
+        partial(cpu_seconds, partial(work, some)) for work in (partial(follow, kind.twin), partial(evaluate, kind.model)) for some in sizes
+    ]
     per_step = [1e6 / (trials * (ticks - 1)) for trials, ticks in SIZES.items()]
     taken = interleave(ROUNDS, contenders)
     theirs, ours, model = np.split(np.array(taken).reshape(-1, ROUNDS), [len(works), len(works) + len(sizes)])
@@ -210,14 +206,11 @@ def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tup
     def costs(seconds: Array) -> list[str]:
         return [figure(median(one) * scale) for one, scale in zip(seconds, per_step, strict=False)]
 
-    if kind.twin:
-        yield f"{kind.name}, twin", *costs(ours), *BLANK, ""
-        yield "  of it the model", *costs(model), *BLANK, ""
-    else:
-        yield f"{kind.name}, twin", "none yet", *BLANK[1:], *BLANK, ""
+    yield f"{kind.name}, twin", *costs(ours), *BLANK, ""
+    yield "  of it the model", *costs(model), *BLANK, ""
     for package, seconds, estimate in zip(works, theirs, estimates, strict=True):
-        faster = [figure(ratio(seconds, one) * per_step[0] / scale) for one, scale in zip(ours, per_step, strict=False)] or BLANK
-        apart = f"{np.abs(estimate - means)[1:].max():.0e}" if kind.twin else ""  # all start from the first reading
+        faster = [figure(ratio(seconds, one) * per_step[0] / scale) for one, scale in zip(ours, per_step, strict=False)]
+        apart = f"{np.abs(estimate - means)[1:].max():.0e}"  # all start from the first reading
         yield f"{kind.name}, {package} {peers[package].version}", *costs(seconds[None]), *BLANK[1:], *faster, apart
 
 
@@ -240,8 +233,7 @@ def filters() -> None:
         f"CPU time on one core, medians of {ROUNDS} interleaved rounds. of N: a trial in a batch of N. x: the peer's step, always single, "
         "over the twin's. apart: greatest difference of any component of an estimate from the twin's, in "
         f"{COMPARED} trials of {max(SIZES.values())} ticks. Peers are given the twin's model, a Runge-Kutta step with its transition "
-        "matrix or at sigma points; UKF-7 knows the wheels' speeds, the second mode of its IMM has a floating wheel. none yet: the twin "
-        "has no such filter so far.",
+        "matrix or at sigma points; UKF-7 knows the wheels' speeds, the second mode of its IMM has a floating wheel.",
     )
 
 

@@ -50,13 +50,13 @@ def inverse(quaternion: Array) -> Array:
 
 def normalize(quaternion: Array) -> Array:
     """Scale to unit length; (..., 4)."""
-    return quaternion / np.sqrt(np.sum(quaternion * quaternion, axis=-1, keepdims=True))
+    return quaternion / np.sqrt(_square(quaternion))
 
 
 def attitude_matrix(quaternion: Array) -> Array:
     """A(q), which maps N to B (Markley & Crassidis 2014, eq. 2.125); (..., 4) to (..., 3, 3)."""
     vector, scalar = quaternion[..., :3], quaternion[..., 3, None, None]
-    square = np.sum(vector * vector, axis=-1)[..., None, None]
+    square = np.vecdot(vector, vector)[..., None, None]
     outer = vector[..., :, None] * vector[..., None, :]
     return (scalar**2 - square) * np.eye(3) + 2.0 * outer - 2.0 * scalar * cross_matrix(vector)
 
@@ -68,14 +68,14 @@ def xi(quaternion: Array) -> Array:
 
 def from_rotation_vector(rotation: Array) -> Array:
     """Quaternion of a turn by |rotation| rad about `rotation`, resolved in B; (..., 3) to (..., 4)."""
-    half = 0.5 * np.sqrt(np.sum(rotation * rotation, axis=-1, keepdims=True))
+    half = 0.5 * np.sqrt(_square(rotation))
     return np.concatenate([0.5 * np.sinc(half / np.pi) * rotation, np.cos(half)], axis=-1)
 
 
 def to_rotation_vector(quaternion: Array) -> Array:
     """Shortest rotation vector, rad, of unit quaternions of either sign; (..., 4) to (..., 3)."""
     vector = quaternion[..., :3] * np.where(quaternion[..., 3:] < 0.0, -1.0, 1.0)
-    sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    sine = np.sqrt(_square(vector))
     half = np.arctan2(sine, np.abs(quaternion[..., 3:]))
     return 2.0 * vector / np.maximum(np.sinc(half / np.pi), 1e-300)
 
@@ -87,9 +87,15 @@ def error(quaternion: Array, reference: Array) -> Array:
 
 def angle(quaternion: Array, reference: Array) -> Array:
     """Angle, rad in [0, pi], between two attitudes; (..., 4) to (...)."""
-    return np.sqrt(np.sum(error(quaternion, reference) ** 2, axis=-1))
+    turn = error(quaternion, reference)
+    return np.sqrt(np.vecdot(turn, turn))
 
 
 def align(quaternion: Array, reference: Array) -> Array:
     """Of q and -q, the same attitude, the one nearer to `reference`; (..., 4)."""
-    return quaternion * np.where(np.sum(quaternion * reference, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return quaternion * np.where(np.vecdot(quaternion, reference)[..., None] < 0.0, -1.0, 1.0)
+
+
+def _square(vector: Array) -> Array:
+    """Its length squared, (..., n) to (..., 1)."""
+    return np.vecdot(vector, vector)[..., None]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
-from sim import antenna_tables, command_family, families, tables
+from sim import antenna_tables, command_family, families, tables, window_tables
 from sim import campaign as campaigns
 from sim.build import build
 from sim.campaign import Campaign
@@ -20,7 +21,7 @@ from sim.guests import Guests
 from sim.metrics import Metric
 from sim.plants import compile_plant
 from sim.recording import Recorder, Recording
-from sim.results import rows, write_summary, write_trials
+from sim.results import Row, rows, write_summary, write_trials
 from sim.scenario import BadInput, Scenario
 from sim.shards import Shard, cut, join, simulate_all
 from sim.terminal import FAILED, INTERRUPTED, Name, Overrides, Seed, Trials, err, how_to_open, load, out, output_folder
@@ -206,8 +207,7 @@ def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric]
     if statistics:
         out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
         if loaded.loops:
-            several = antenna_tables.antenna if any(row.metric == "rms_pointing_deg" for row in statistics) else tables.loops
-            for table in several(statistics, loaded, finished):
+            for table in _several(statistics)(statistics, loaded, finished):
                 out.print(table)
             if loaded.claims:
                 out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
@@ -223,3 +223,11 @@ def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric]
         if (target / "log.parquet").is_file():
             out.print(f"Log        {target / 'log.parquet'}\nReplay it  nacs replay {target / 'log.parquet'}")
         out.print(f"Recording  {target / 'recording.rrd'}\nOpen it    {how_to_open(target / 'recording.rrd')}")
+
+
+def _several(statistics: list[Row]) -> Callable[[list[Row], Scenario, int], list[Table]]:
+    """Tables of several loops, by what was measured of them."""
+    measured = {row.metric for row in statistics}
+    if "rms_pointing_deg" in measured:
+        return antenna_tables.antenna
+    return window_tables.windows if "rms_rate_error" in measured else tables.loops
