@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Protocol
+
 import numpy as np
 
+from models import formation, monolithic
+from models.agents import AgentsParameters
 from models.flexible import FLEXIBLE_SETS, FlexibleParameters
+from models.formation import FormationParameters
 from models.freeflyer import FreeflyerParameters
+from models.monolithic import MonolithicParameters
 from models.nacs import NacsParameters
 from sim.sensors import SENSOR_SETS, SensorSettings
+
+
+class Documented(Protocol):
+    """Parameters that can say of each where it comes from."""
+
+    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Rows (name, value, unit, meaning, provenance)."""
+        ...
+
 
 PROVENANCE = {  # of the values of set `bench`
     "attitude_noise_rad": "chosen: 0.023 deg, an attitude filter at rest",
@@ -28,10 +44,22 @@ PROVENANCE = {  # of the values of set `bench`
 PLANT = NacsParameters()
 MOMENTS = ", ".join(f"{moment:.6f}" for moment in np.linalg.eigvalsh(PLANT.inertia))
 CORNER = (PLANT.supply_voltage_v - PLANT.drive_current_a * PLANT.winding_resistance_ohm) / PLANT.motor_constant_nm_a
-PLANT_ROWS = "\n".join(f"| `{name}` | {value} | {unit} | {meaning} | {source} |" for name, value, unit, meaning, source in PLANT.table())
-PROBE_ROWS = "\n".join(
-    f"| `{name}` | {value} | {unit} | {meaning} | {source} |" for name, value, unit, meaning, source in FreeflyerParameters().table()
-)
+
+
+def rows(parameters: Documented) -> str:
+    """A table's rows."""
+    return "\n".join(f"| `{name}` | {value} | {unit} | {meaning} | {source} |" for name, value, unit, meaning, source in parameters.table())
+
+
+def tensors(sets: Mapping[str, object]) -> str:
+    """Rows of named sets of inertias [xx, yy, zz, xy, xz, yz]."""
+    return "\n".join(
+        f"| `{name}` | {number} | {', '.join(f'{value:.4g}' for value in row)} |"
+        for name, chosen in sets.items()
+        for number, row in enumerate(np.atleast_2d(np.array(chosen)), start=1)
+    )
+
+
 FLEXIBLE = {name: FlexibleParameters.model_validate({"set": name}) for name in FLEXIBLE_SETS}
 FLEXIBLE_ROWS = "\n".join(
     f"| `{name}` | {' | '.join(str(getattr(row, name)) for row in FLEXIBLE.values())} | {unit} | {meaning} | {source} |"
@@ -55,7 +83,7 @@ al. 2024. *Datasheet*: see the sources below. *Chosen*: unpublished, set once to
 
 | key | value | unit | meaning | provenance |
 |---|---|---|---|---|
-{PLANT_ROWS}
+{rows(PLANT)}
 
 What follows from them:
 
@@ -74,7 +102,7 @@ What follows from them:
 
 | key | value | unit | meaning | provenance |
 |---|---|---|---|---|
-{PROBE_ROWS}
+{rows(FreeflyerParameters())}
 
 ## The flexible spacecraft (`type = "flexible"`)
 
@@ -83,6 +111,34 @@ What follows from them:
 | key | {" | ".join(f"`{name}`" for name in FLEXIBLE)} | unit | meaning | provenance |
 |---|{"---|" * len(FLEXIBLE)}---|---|---|
 {FLEXIBLE_ROWS}
+
+## The rigid spacecraft (`type = "monolithic"`)
+
+*Published* here and below: Rososhansky 2017.
+
+| key | value | unit | meaning | provenance |
+|---|---|---|---|---|
+{rows(MonolithicParameters())}
+
+| set | row | xx, yy, zz, xy, xz, yz, kg m2 |
+|---|---|---|
+{tensors(monolithic.INERTIA_SETS)}
+
+## Spacecraft in formation (`type = "formation"`)
+
+| key | value | unit | meaning | provenance |
+|---|---|---|---|---|
+{rows(FormationParameters())}
+
+| set | spacecraft | xx, yy, zz, xy, xz, yz, kg m2 |
+|---|---|---|
+{tensors(formation.INERTIA_SETS)}
+
+## Agents in the plane (`type = "agents"`)
+
+| key | value | unit | meaning | provenance |
+|---|---|---|---|---|
+{rows(AgentsParameters())}
 
 ## Sensors
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from models import provenance
 from models.assembly import Assembly, MassProperties
 from models.chebyshev_network import ChebyshevNetwork
 from models.planar_agent import PlanarAgent
@@ -48,6 +50,10 @@ class AgentsParameters(BaseModel):
         "s",
         "chosen by measurement: docs/consensus.md",
     )
+
+    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Rows (name, value, unit, meaning, provenance) of every parameter."""
+        return provenance.table(self)
 
     @cached_property
     def start(self) -> Array:

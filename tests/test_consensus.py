@@ -80,10 +80,11 @@ def test_faults_change_what_moves_the_agents():
 # the loop ---------------------------------------------------------------------------------------------------------------------------
 
 
-def test_a_trial_is_the_same_to_the_bit_in_any_company():
-    settings = scenario("command-fault", 15, faults=[{"kind": "command", "start_s": 0.05, "end_s": 0.1}])
+@pytest.mark.parametrize(("ticks", "companies"), [(15, (np.array([4, 5, 6]), np.arange(10))), (4, (np.arange(64),))])
+def test_a_trial_is_the_same_to_the_bit_in_any_company(ticks, companies):
+    settings = scenario("command-fault", ticks, faults=[{"kind": "command", "start_s": 0.01, "end_s": 0.1 if ticks > 10 else 0.03}])
     alone, kept = FAMILY.simulate(settings, np.array([5]), np.array([5]))
-    for trials in (np.array([4, 5, 6]), np.arange(10)):
+    for trials in companies:
         together, other = FAMILY.simulate(settings, trials, np.array([5]))
         place = int(np.flatnonzero(trials == 5)[0])
         for one, many in zip(alone, together, strict=True):
