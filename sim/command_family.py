@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -17,12 +16,11 @@ from sim import families
 from sim.engines import processes, stop
 from sim.families import Family, Settings
 from sim.plant import SimulationFailed
-from sim.results import rows, write_summary, write_trials
-from sim.scenario import BadInput, parse_override
+from sim.results import rows
+from sim.run_output import RECORDING, REPORT, Ended, numbers_of
+from sim.scenario import parse_override
 from sim.shards import Shard, cut, join
-from sim.terminal import FAILED, INTERRUPTED, err, how_to_open, out, output_folder
-
-FILES = ("recording.rrd", "trials.parquet", "summary.json", "report.png")
+from sim.terminal import err, out, output_folder
 
 
 class Asked(NamedTuple):
@@ -47,11 +45,7 @@ class Block(NamedTuple):
 def run(family: Family, asked: Asked) -> None:
     """Simulate, print, write."""
     loaded = families.load(asked.name, asked.changes)
-    numbers = np.arange(loaded.run.trials)
-    if asked.only_trial is not None:
-        if asked.only_trial >= loaded.run.trials:
-            raise BadInput(f"--only-trial {asked.only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
-        numbers = np.array([asked.only_trial])
+    numbers = numbers_of(loaded.run, asked.only_trial)
     target = output_folder(asked.folder, asked.name, asked.overwrite)
     for warning in family.warnings(loaded):
         err.print(f"warning: {warning}", style="yellow", markup=False)
@@ -59,37 +53,20 @@ def run(family: Family, asked: Asked) -> None:
     blocks, stopped = _simulate(family, loaded, asked, numbers)
     failure = next((block.shard.failure for block in blocks if block.shard.failure), None)
     finished, metrics, _ = join([block.shard for block in blocks])
-    if not len(finished):
-        err.print("interrupted before a trial was finished; nothing was written" if stopped else f"error: {failure}")
-        raise typer.Exit(INTERRUPTED if stopped else FAILED)
     wall = time.perf_counter() - started
+    ended = Ended(asked.name, loaded, len(loaded.loops), len(numbers), finished, metrics, wall, failure, stopped)
+    if not len(finished):
+        ended.give_up()
     flown = next((block.flown for block in blocks if block.flown), {})
-    if asked.overwrite and target.is_dir():
-        for old in FILES:
-            (target / old).unlink(missing_ok=True)
-    target.mkdir(parents=True, exist_ok=True)
-    simulated = loaded.run.tick_s * loaded.run.ticks * len(finished) * len(loaded.loops)
-    write_summary(target / "summary.json", asked.name, loaded.run.seed, len(finished), wall, simulated, metrics)
-    write_trials(target / "trials.parquet", asked.name, loaded.run.seed, finished, metrics)
+    ended.write_figures(target, asked.overwrite)
     if flown:
         configuration: Any = loaded
-        family.write_report(target / "report.png", asked.name, loaded, flown)
-        family.write_recording(
-            target / "recording.rrd", asked.name, loaded, flown, configuration.model_dump(mode="json", exclude_none=True)
-        )
-    out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
+        family.write_report(target / REPORT, asked.name, loaded, flown)
+        family.write_recording(target / RECORDING, asked.name, loaded, flown, configuration.model_dump(mode="json", exclude_none=True))
+    ended.say_what()
     for table in family.tables(rows(metrics), loaded, len(finished)):
         out.print(table)
-    out.print(f"\n{len(finished)} trials, {simulated:.0f} s of flight in {wall:.1f} s ({simulated / wall:.0f} x real time)")
-    if flown:
-        out.print(f"Report     {target / 'report.png'}\nRecording  {target / 'recording.rrd'}")
-        out.print(f"Open it    {how_to_open(target / 'recording.rrd')}")
-    if failure:
-        err.print(f"error: {failure}; what was finished until then is in {target}")
-        raise typer.Exit(FAILED)
-    if stopped:
-        err.print(f"interrupted: {len(finished)} of {len(numbers)} trials were finished and kept in {target}")
-        raise typer.Exit(INTERRUPTED)
+    ended.say_where(target)
 
 
 def changes_of(overrides: list[str] | None, trials: int | None, seed: int | None) -> dict[str, Any]:

@@ -18,13 +18,13 @@ from sim.build import build
 from sim.campaign import Campaign
 from sim.claims import CLAIMS
 from sim.guests import Guests
-from sim.metrics import Metric
 from sim.plants import compile_plant
 from sim.recording import Recorder, Recording
-from sim.results import Row, rows, write_summary, write_trials
+from sim.results import Row, rows
+from sim.run_output import LOG, RECORDING, REPORT, Ended, numbers_of
 from sim.scenario import BadInput, Scenario
 from sim.shards import Shard, cut, join, simulate_all
-from sim.terminal import FAILED, INTERRUPTED, Name, Overrides, Seed, Trials, err, how_to_open, load, out, output_folder
+from sim.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 
 if TYPE_CHECKING:
     from sim.rerun_live import LiveStream
@@ -73,9 +73,7 @@ def run(
     loaded = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
     if source and only_trial is not None and not campaigns.batched(loaded):
         loaded, source = campaigns.alone(source, loaded, only_trial), None
-    numbers = np.arange(loaded.run.trials) if only_trial is None else np.array([only_trial])
-    if only_trial is not None and only_trial >= loaded.run.trials:
-        raise BadInput(f"--only-trial {only_trial}: the run has trials 0 to {loaded.run.trials - 1}")
+    numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     if export_log and not record_trials:
@@ -95,24 +93,19 @@ def run(
     finished, metrics, recordings = join(shards)
     if failure and failure.recordings:
         recordings = failure.recordings
-    if not len(finished) and not recordings:
-        err.print(
-            "interrupted before a trial was finished; nothing was written" if stopped else f"error: {failure.failure if failure else ''}"
-        )
-        raise typer.Exit(INTERRUPTED if stopped else FAILED)
     wall = time.perf_counter() - started
-    _write(target, name, loaded, guests, finished, metrics, recordings, wall, overwrite)
+    reason = failure.failure if failure else None
+    ended = Ended(name, loaded, len(loaded.singles()), len(numbers), finished, metrics, wall, reason, stopped)
+    if not len(finished) and not recordings:
+        ended.give_up()
+    ended.write_figures(target, overwrite, **guests.described)
+    _draw(target, name, loaded, guests, recordings)
     if export_log and recordings:
         from sim.flight_log import export
 
-        export(target / "log.parquet", recordings["loop"], loaded, name)
-    _show(loaded, guests, len(finished), metrics, target, bool(recordings), wall)
-    if failure:
-        err.print(f"error: {failure.failure}; what was recorded until then is in {target}")
-        raise typer.Exit(FAILED)
-    if stopped:
-        err.print(f"interrupted: {len(finished)} of {len(numbers)} trials were finished and kept in {target}")
-        raise typer.Exit(INTERRUPTED)
+        export(target / LOG, recordings["loop"], loaded, name)
+    _show(ended, loaded, guests)
+    ended.say_where(target)
 
 
 def _live_stream(loaded: Scenario, name: str, guests: Guests) -> LiveStream:
@@ -158,40 +151,23 @@ def _simulate(
     return shards, False
 
 
-def _write(
-    target: Path,
-    name: str,
-    loaded: Scenario,
-    guests: Guests,
-    finished: Any,
-    metrics: list[Metric],
-    recordings: dict[str, Recording],
-    wall: float,
-    overwrite: bool,
-) -> None:
+def _draw(target: Path, name: str, loaded: Scenario, guests: Guests, recordings: dict[str, Recording]) -> None:
     from sim import report, report_antenna, report_loops  # Matplotlib and Rerun take a second to import
     from sim.antenna_series import is_antenna
     from sim.rerun_loops import write_loops
     from sim.rerun_sink import write_recording
 
-    if overwrite and target.is_dir():
-        for old in ("recording.rrd", "trials.parquet", "summary.json", "report.png", "log.parquet"):
-            (target / old).unlink(missing_ok=True)
-    target.mkdir(parents=True, exist_ok=True)
-    seed, simulated = loaded.run.seed, loaded.run.tick_s * loaded.run.ticks * len(finished)
-    write_summary(target / "summary.json", name, seed, len(finished), wall, simulated, metrics, **guests.described)
-    write_trials(target / "trials.parquet", name, seed, finished, metrics)
     configuration = _configuration(loaded, guests)
     if recordings and is_antenna(loaded, recordings):
-        report_antenna.write_report(target / "report.png", name, loaded, recordings)
-        write_loops(target / "recording.rrd", name, loaded, recordings, configuration)
+        report_antenna.write_report(target / REPORT, name, loaded, recordings)
+        write_loops(target / RECORDING, name, loaded, recordings, configuration)
     elif "loop" in recordings:
         recording, assembly = recordings["loop"], compile_plant(loaded.plant)
-        report.write_report(target / "report.png", name, loaded.title, recording, _closed_by(loaded, guests))
-        write_recording(target / "recording.rrd", name, recording, assembly, loaded.law.feedback, configuration)
+        report.write_report(target / REPORT, name, loaded.title, recording, _closed_by(loaded, guests))
+        write_recording(target / RECORDING, name, recording, assembly, loaded.law.feedback, configuration)
     elif recordings:
-        report_loops.write_report(target / "report.png", name, loaded, recordings)
-        write_loops(target / "recording.rrd", name, loaded, recordings, configuration)
+        report_loops.write_report(target / REPORT, name, loaded, recordings)
+        write_loops(target / RECORDING, name, loaded, recordings, configuration)
 
 
 def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
@@ -202,27 +178,21 @@ def _closed_by(loaded: Scenario, guests: Guests) -> str:
     return loaded.law.feedback + (f" by {guests.law}" if guests.law else "")
 
 
-def _show(loaded: Scenario, guests: Guests, finished: int, metrics: list[Metric], target: Path, recorded: bool, wall: float) -> None:
-    statistics = rows(metrics)
-    if statistics:
-        out.print(f"[bold]{loaded.title}[/]\n[dim]{loaded.source}[/]\n")
-        if loaded.loops:
-            for table in _several(statistics)(statistics, loaded, finished):
-                out.print(table)
-            if loaded.claims:
-                out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
-        else:
-            if loaded.published:
-                out.print(tables.residuals(statistics, loaded.published))
-            out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
-            out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
-    simulated = loaded.run.tick_s * loaded.run.ticks * finished * len(loaded.singles())
-    out.print(f"\n{finished} trials, {simulated:.0f} s of flight in {wall:.1f} s ({simulated / wall:.0f} x real time)")
-    out.print(f"Report     {target / 'report.png'}")
-    if recorded:
-        if (target / "log.parquet").is_file():
-            out.print(f"Log        {target / 'log.parquet'}\nReplay it  nacs replay {target / 'log.parquet'}")
-        out.print(f"Recording  {target / 'recording.rrd'}\nOpen it    {how_to_open(target / 'recording.rrd')}")
+def _show(ended: Ended, loaded: Scenario, guests: Guests) -> None:
+    statistics, finished = rows(ended.metrics), len(ended.trials)
+    if not statistics:
+        return
+    ended.say_what()
+    if loaded.loops:
+        for table in _several(statistics)(statistics, loaded, finished):
+            out.print(table)
+        if loaded.claims:
+            out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
+        return
+    if loaded.published:
+        out.print(tables.residuals(statistics, loaded.published))
+    out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
+    out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
 
 
 def _several(statistics: list[Row]) -> Callable[[list[Row], Scenario, int], list[Table]]:
