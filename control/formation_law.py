@@ -31,7 +31,8 @@ class FormationLaw:
 
     torque = g^-1 (-k1 k2 e_q - k1 k3 e_v - f - gamma lambda^2 (q_read - q) + p), cut off about each body axis, where e_q and e_v are the
     lumped errors of attitude and rate (eq. 4.12) and p the agent's estimate of the leader's acceleration. The factor of what was read minus
-    what is believed is illegible in places: gamma^2 lambda is possible too. It is zero on truth.
+    what is believed is illegible in places: gamma^2 lambda is possible too. It is zero on truth. f is that of a body with wheels where
+    these are known to hold momentum; the torque is then what they must leave to the body.
 
     Attributes:
       inertia: on board, (..., agents, 3, 3) kg m2.
@@ -55,6 +56,7 @@ class FormationLaw:
         leader_acceleration: Array,
         surprise: Array | float = 0.0,
         gains: Gains | None = None,
+        stored: Array | None = None,
     ) -> Array:
         """Torque on each body.
 
@@ -65,6 +67,7 @@ class FormationLaw:
           leader_acceleration: p, (..., agents, 3) 1/s2.
           surprise: sigma read minus sigma believed, (..., agents, 3).
           gains: in place of the law's own.
+          stored: momentum that wheels hold in B, (..., agents, 3) N m s; None: there are none.
 
         Returns:
           N m in B, (..., agents, 3).
@@ -72,4 +75,4 @@ class FormationLaw:
         k1, k2, k3, gamma, lambda_ = gains or self.gains
         error = lumped_error(state, heard, listening)
         wanted = leader_acceleration - k1 * k2 * error[..., :3] - k1 * k3 * error[..., 3:] - gamma * lambda_**2 * surprise
-        return np.clip(self._model.torque(state, wanted), -self.limit, self.limit)
+        return np.clip(self._model.torque(state, wanted, stored), -self.limit, self.limit)

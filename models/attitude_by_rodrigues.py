@@ -19,7 +19,8 @@ class AttitudeByRodrigues:
     """Attitude and its rate, [sigma, v], under a torque on the body: dsigma/dt = v, dv/dt = f(sigma, v) + g(sigma) torque.
 
     f = -T dP/dt v - T J^-1 (P v) x J P v and g = T J^-1 with P = T^-1 (Rososhansky 2017, eq. 4.6). Any invertible tensor is accepted,
-    also one that no body has.
+    also one that no body has. A body that carries spinning wheels turns what they hold with it: (P v) x (J P v + h), the torque being
+    what their motors leave to the body and J without their spinning part (Markley & Crassidis 2014, eq. 3.147).
 
     Attributes:
       inertia: J, (..., 3, 3) kg m2; leading axes, such as agents, broadcast with those of states.
@@ -37,13 +38,16 @@ class AttitudeByRodrigues:
         return np.linalg.inv(self.inertia)
 
     def derivative(self, state: Array, command: Array) -> Array:
-        """dx/dt; state [sigma, v] (..., 6) in 1 and 1/s, command (..., 3) N m on the body in B.
+        """dx/dt; state [sigma, v] (..., 6) in 1 and 1/s, command (..., 3) N m on the body in B, or (..., 6) with h, N m s, after it.
 
         Written out by component, as in `RigidBody`: fast for sigma points and particles, and the same bits in any company.
         """
         sigma, v = _split(state)
         omega = _body_rate(sigma, v)
-        torque = _minus(_split_one(command), _cross(omega, self._times(self.inertia, omega)))
+        momentum = self._times(self.inertia, omega)
+        if command.shape[-1] > 3:
+            momentum = _plus(momentum, _split_one(command[..., 3:]))
+        torque = _minus(_split_one(command[..., :3]), _cross(omega, momentum))
         moved = (*v, *self._carry(sigma, v, omega, self._times(self._inverse, torque)))
         motion = np.empty((*np.broadcast_shapes(state.shape[:-1], moved[-1].shape), 6), dtype=moved[-1].dtype)
         for i, part in enumerate(moved):
@@ -54,13 +58,16 @@ class AttitudeByRodrigues:
         """f(sigma, v), dv/dt without a torque; (..., 6) to (..., 3) 1/s2."""
         return self.derivative(state, np.zeros(3))[..., 3:]
 
-    def torque(self, state: Array, acceleration: Array) -> Array:
-        """Torque under which dv/dt is `acceleration`, g^-1 (a - f); (..., 6) and (..., 3) 1/s2 to (..., 3) N m."""
+    def torque(self, state: Array, acceleration: Array, stored: Array | None = None) -> Array:
+        """Torque under which dv/dt is `acceleration`, g^-1 (a - f); (..., 6), (..., 3) 1/s2 and h (..., 3) N m s to (..., 3) N m."""
         sigma, v = _split(state)
         omega = _body_rate(sigma, v)
         none: Vector = (np.zeros(()), np.zeros(()), np.zeros(()))
         left = _minus(_split_one(acceleration), self._carry(sigma, v, omega, none))
-        needed = _plus(self._times(self.inertia, _body_rate(sigma, left)), _cross(omega, self._times(self.inertia, omega)))
+        momentum = self._times(self.inertia, omega)
+        if stored is not None:
+            momentum = _plus(momentum, _split_one(stored))
+        needed = _plus(self._times(self.inertia, _body_rate(sigma, left)), _cross(omega, momentum))
         return np.stack(np.broadcast_arrays(*needed), axis=-1)
 
     def linearize(self, state: Array, command: Array) -> Linearization:

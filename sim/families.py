@@ -20,7 +20,7 @@ from sim.results import Row
 from sim.scenario import BadInput, RunSettings, override
 
 # plant.type in a file: module with an object FAMILY; loaded when such a file is
-MODULES = {"formation": "sim.formation_family", "agents": "sim.consensus_family"}
+MODULES = {"formation": "sim.formation_family", "formation-nacs": "sim.formation_family", "agents": "sim.consensus_family"}
 
 
 class Settings(Protocol):

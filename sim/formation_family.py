@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from models.formation import compile_formation
 from sim.formation_faults import Cut, Readings
 from sim.formation_loop import Flown, fly
 from sim.formation_metrics import evaluate
-from sim.formation_settings import FormationScenario
+from sim.formation_plant import compile_agents
+from sim.formation_settings import FormationPlantSettings, FormationScenario
 from sim.metrics import Metric
 from sim.randomness import Trials
 from sim.results import Row
@@ -31,7 +31,7 @@ _COLUMNS = (  # metric, heading, factor
 
 @dataclass(frozen=True)
 class FormationFamily:
-    """Scenarios of plants of type formation."""
+    """Scenarios of plants of type formation or formation-nacs."""
 
     @property
     def settings(self) -> type[FormationScenario]:
@@ -46,7 +46,7 @@ class FormationFamily:
         Raises:
           SimulationFailed: with trial, time and cause.
         """
-        assembly = compile_formation(scenario.plant)
+        assembly = compile_agents(scenario.plant)
         metrics: list[Metric] = []
         flown: dict[str, Flown] = {}
         for name in scenario.loops:
@@ -96,7 +96,7 @@ class FormationFamily:
     def warnings(self, scenario: FormationScenario) -> list[str]:
         """What may be meant but deserves a word."""
         said = []
-        if scenario.plant.inertia_kg_m2 == "printed":
+        if isinstance(scenario.plant, FormationPlantSettings) and scenario.plant.inertia_kg_m2 == "printed":
             said.append("plant.inertia_kg_m2: no rigid body has the printed tensors; they are flown all the same")
         if any(loop.law.acceleration_sign > 0 for loop in scenario.loops.values()):
             said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")

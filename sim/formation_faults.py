@@ -58,6 +58,15 @@ class ConstantCommand(Event):
     torque_nm: Vector
 
 
+class WheelFailure(Event):
+    """Drives of a wheel give only a share of the torque that they are told; without any the wheel coasts. Nobody on board knows."""
+
+    kind: Literal["wheel-failure"]
+    agents: tuple[Number, ...]
+    wheel: Number
+    remaining: Share = 0.0
+
+
 class OtherGains(Event):
     """Agents' laws have other gains (tables 4.6 and 4.7)."""
 
@@ -98,7 +107,9 @@ class Cut(Event):
     links: tuple[tuple[Annotated[int, Field(ge=0)], Number], ...]
 
 
-Fault = Annotated[AddedInertia | Disturbance | ConstantCommand | OtherGains | Readings | Loss | Late | Cut, Field(discriminator="kind")]
+Fault = Annotated[
+    AddedInertia | Disturbance | ConstantCommand | WheelFailure | OtherGains | Readings | Loss | Late | Cut, Field(discriminator="kind")
+]
 
 
 class Occurrence(NamedTuple):
@@ -124,6 +135,7 @@ class FormationFaults:
     loss: Array  # (ticks,) probability
     delay: NDArray[np.int64]  # (ticks,) in ticks
     cut: Flags  # (ticks, messages) of the graph's ways
+    wheels: Array  # (ticks, agents, wheels) share that each wheel's drive gives
     occurrences: tuple[Occurrence, ...]
 
     def gains_at(self, tick: int) -> Gains:
@@ -133,9 +145,9 @@ class FormationFaults:
 
 
 def schedule(
-    faults: tuple[Fault, ...], ticks: int, dt: float, graph: CommunicationGraph, gains: Gains, deviation: float
+    faults: tuple[Fault, ...], ticks: int, dt: float, graph: CommunicationGraph, gains: Gains, deviation: float, wheels: int = 0
 ) -> FormationFaults:
-    """Lay out the events over the ticks."""
+    """Lay out the events over the ticks; each agent has so many wheels."""
     agents = graph.agents
     out = FormationFaults(
         inertia=np.zeros((ticks, 3)),
@@ -148,6 +160,7 @@ def schedule(
         loss=np.zeros(ticks),
         delay=np.zeros(ticks, dtype=np.int64),
         cut=np.zeros((ticks, len(graph.ways)), dtype=bool),
+        wheels=np.ones((ticks, agents, wheels)),
         occurrences=tuple(
             Occurrence(round(fault.start_s / dt), min(ticks, round(fault.end_s / dt)), fault.kind, _text(fault)) for fault in faults
         ),
@@ -161,6 +174,8 @@ def schedule(
                 out.disturbance[when] = fault.size_nm
             case ConstantCommand():
                 out.command[when, np.array(fault.agents) - 1] = fault.torque_nm
+            case WheelFailure():
+                out.wheels[when, np.array(fault.agents) - 1, fault.wheel - 1] = fault.remaining
             case OtherGains():
                 which = np.arange(agents) if fault.agents == "all" else np.array(fault.agents) - 1
                 for number, value in enumerate((fault.k1, fault.k2, fault.k3, fault.gamma)):
@@ -188,6 +203,9 @@ def _text(fault: Fault) -> str:
             return f"torque {fault.size_nm:g} [sin t, cos t, sin 2t] N m"
         case ConstantCommand():
             return f"{', '.join(map(str, fault.agents))} give {list(fault.torque_nm)} N m"
+        case WheelFailure():
+            left = f"gives {100 * fault.remaining:g} %" if fault.remaining else "fails"
+            return f"wheel {fault.wheel} of {', '.join(map(str, fault.agents))} {left}"
         case OtherGains():
             said = [f"{key} = {value:g}" for key in ("k1", "k2", "k3", "gamma") if (value := getattr(fault, key)) is not None]
             return f"{'all' if fault.agents == 'all' else ', '.join(map(str, fault.agents))}: {', '.join(said)}"

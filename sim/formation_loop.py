@@ -14,10 +14,11 @@ from estimation.gaussian import LostDefiniteness
 from estimation.leader_acceleration import LeaderAccelerationFilter
 from models import modified_rodrigues, quaternion
 from models.assembly import Assembly
+from sim.formation_drives import Given, effectors
 from sim.formation_faults import FormationFaults, Occurrence, schedule
 from sim.formation_network import Network
 from sim.formation_observers import Observer, Watched, observer
-from sim.formation_plant import FormationPlant
+from sim.formation_plant import FormationPlant, formation_plant
 from sim.formation_randomness import Blocks, FormationStream
 from sim.formation_settings import FormationScenario, LoopSettings
 from sim.plant import SimulationFailed, Truth
@@ -76,12 +77,12 @@ def fly(
       SimulationFailed: the physics or a filter broke down; says trial, time and cause.
     """
     loop, graph, ticks, dt = scenario.loops[name], scenario.communication(), scenario.run.ticks, scenario.run.tick_s
-    faults = schedule(scenario.faults, ticks, dt, graph, loop.law.gains, scenario.reading_deviation)
+    faults = schedule(scenario.faults, ticks, dt, graph, loop.law.gains, scenario.reading_deviation, scenario.wheels)
     leader = scenario.leader.motion(dt * np.arange(ticks))
     weights = graph.listening[graph.ways[:, 0], graph.ways[:, 1]]
     flown = Flown(name, dt, trials, recorded, scenario.plant.places, graph.ways, weights, leader, faults.occurrences)
     try:
-        _fly(scenario, loop, faults, FormationPlant(assembly, len(trials)), flown, on_tick)
+        _fly(scenario, loop, faults, formation_plant(scenario.plant, assembly, len(trials)), flown, on_tick)
     except SimulationFailed as failure:
         failure.trial = int(trials[failure.trial])
         raise
@@ -103,6 +104,7 @@ def _fly(
     follow = LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign))
     noise = Blocks(run.seed, trials, FormationStream.READING, (agents, 3))
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(flown.ways),), uniform=True)
+    drives = effectors(parameters, agents, faults, run.seed, trials, run.tick_s)
     network = Network(scenario.communication(), faults, losses, scenario.graph.when_lost == "skip")
     watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o != "truth"]
     observers = {o: observer(o, scenario.observers[o], parameters, run.seed, trials) for o in watching}
@@ -111,15 +113,15 @@ def _fly(
     kept = np.isin(trials, flown.recorded)
 
     first = modified_rodrigues.shorter(scenario.starts) if loop.shadow else scenario.starts
-    plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(0))
-    torque: Array = np.zeros((len(trials), agents, 3))
+    plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(()))
+    told: Array = np.zeros((len(trials), agents, 3))  # to filters, of the tick before
     acceleration: Array = np.zeros((len(trials), agents, 3))
     for k in range(run.ticks):
         truth = plant.truth()
         state = state_of(truth)
         reading = state[..., :3] + faults.bias[k] + faults.deviation[k] * noise.tick()
         for o in watching:
-            beliefs[o], lost[o] = _observe(observers[o], beliefs[o], torque, reading, run.tick_s, o, k)
+            beliefs[o], lost[o] = _observe(observers[o], beliefs[o], told, reading, run.tick_s, o, k)
         believed = state if loop.feedback == "truth" else beliefs[loop.feedback].mean
         surprise = 0.0 if loop.feedback == "truth" else reading - believed[..., :3]
 
@@ -128,15 +130,21 @@ def _fly(
         said = np.broadcast_to(flown.leader[k], (len(trials), 1, 9))
         heard = network.carry(k, np.concatenate([said, spoken], axis=1))
         gains = faults.gains_at(k)
-        torque = law.step(own, heard.messages[..., :6], heard.listening, acceleration, surprise, gains)
+        held = drives.stored(truth)
+        stored = None if held is None else held.true if loop.feedback == "truth" else held.read
+        torque = law.step(own, heard.messages[..., :6], heard.listening, acceleration, surprise, gains, stored)
         applied = np.where(np.isnan(faults.command[k]), torque, faults.command[k])
+        given = drives.give(k, applied, push(faults.disturbance[k], k * run.tick_s))
+        told = torque if held is None else np.concatenate([torque, held.read], axis=-1)
 
         _record(flown, k, kept, state, reading, beliefs, lost, torque, applied, acceleration, heard.received, loop.shadow)
+        if scenario.wheels:
+            _record_wheels(flown, k, kept, truth, given, torque, parameters.torque_limit_nm)
         if on_tick:
             on_tick(k)
         if np.any(faults.inertia[k] != (faults.inertia[k - 1] if k else 0.0)):
             plant.set_inertias(parameters.inertia + np.diag(faults.inertia[k]))
-        plant.advance(np.zeros((len(trials), 0)), applied + push(faults.disturbance[k], k * run.tick_s), steps)
+        plant.advance(given.wheel, given.body, steps)
         acceleration = follow.step(acceleration, heard.messages[..., 6:], heard.listening, run.tick_s)
 
 
@@ -197,6 +205,20 @@ def _record(
     channels = {"state": state, "q_BN": q_BN, "reading": reading, "applied": applied, "acceleration": acceleration}
     channels |= {"received": np.broadcast_to(received, (len(state), received.shape[-1]))}
     channels |= {f"{name}/mean": b.mean for name, b in beliefs.items()}
+    if kept.any():
+        _put(flown.channels, {name: values[kept] for name, values in channels.items()}, k, len(flown.leader))
+    _put(flown.figures, row, k, len(flown.leader))
+
+
+def _record_wheels(flown: Flown, k: int, kept: NDArray[np.bool_], truth: Truth, given: Given, torque: Array, limit: float) -> None:
+    """Put away what wheels do at a tick, and the pose of everything that moves."""
+    trials, agents = torque.shape[:2]
+    row = {
+        "peak_wheel_speed": np.max(np.abs(truth.omega_wheel), axis=-1),
+        "saturated": np.mean((np.abs(torque) >= limit).reshape(trials, -1), axis=-1),
+    }
+    channels = {"wheel_speed": truth.omega_wheel.reshape(trials, agents, -1), "wheel_torque": given.wheel.reshape(trials, agents, -1)}
+    channels |= {"qpos": truth.qpos}
     if kept.any():
         _put(flown.channels, {name: values[kept] for name, values in channels.items()}, k, len(flown.leader))
     _put(flown.figures, row, k, len(flown.leader))

@@ -40,6 +40,9 @@ def evaluate(flown: Flown, scenario: FormationScenario) -> list[Metric]:
             Metric(loop, "peak_torque", phase, "N m", np.max(within["peak_torque"], axis=-1)),
             Metric(loop, "leader_acceleration_error", phase, "1/s2", _rms(within["acceleration_error"])),
         ]
+        if "peak_wheel_speed" in within:
+            out.append(Metric(loop, "peak_wheel_speed", phase, "rad/s", np.max(within["peak_wheel_speed"], axis=-1)))
+            out.append(Metric(loop, "saturated_share", phase, "1", np.mean(within["saturated"], axis=-1)))
         for name, values in within.items():
             observer, _, what = name.rpartition("/")
             subject = loop if observer == feedback else f"{loop}/{observer}"

@@ -16,7 +16,7 @@ from estimation.resampling import SCHEMES
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
 from models.attitude_by_rodrigues import AttitudeByRodrigues
-from models.formation import FormationParameters
+from sim.formation_plant import Parameters
 from sim.formation_randomness import ParticleDraws
 from sim.formation_settings import AukfSettings, PfSettings
 from sim.randomness import Trials
@@ -88,7 +88,7 @@ def _instead(where: Flags, new: Any, old: Any) -> Any:
     return np.where(where.reshape(*where.shape, *(1,) * (old.ndim - where.ndim)), new, old)
 
 
-def observer(name: str, settings: AukfSettings | PfSettings, plant: FormationParameters, seed: int, trials: Trials) -> Observer:
+def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, seed: int, trials: Trials) -> Observer:
     """The filter that a scenario describes; it believes in the formation's inertias on board."""
     process = AttitudeByRodrigues(plant.believed_inertia[:, None])  # one more axis: sigma points or particles
     rate = settings.rate_process_deviation or settings.process_deviation

@@ -20,6 +20,9 @@ class FormationStream(IntEnum):
 
     READING = 2000
     MESSAGES = 2001
+    AIR = 2002
+    DRIVE = 2003
+    TACHOMETER = 2004
     PARTICLES = 3_000_000  # and up: two for each particle filter, by its name
 
 

@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
 from models.formation import FormationParameters
+from models.formation_nacs import FormationNacsParameters, prepare_testbeds
 from models.inertia import why_impossible
-from sim.formation_faults import AddedInertia, ConstantCommand, Cut, Fault, OtherGains
+from sim.formation_faults import AddedInertia, ConstantCommand, Cut, Fault, OtherGains, WheelFailure
 from sim.scenario import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -44,6 +45,15 @@ class FormationPlantSettings(FormationParameters):
     type: Literal["formation"]
 
 
+class FormationNacsPlantSettings(FormationNacsParameters):
+    """Air-bearing testbeds in formation; every parameter of models/formation_nacs.py is a key, and those of models/nacs.py in `testbed`."""
+
+    type: Literal["formation-nacs"]
+
+
+PlantSettings = Annotated[FormationPlantSettings | FormationNacsPlantSettings, Field(discriminator="type")]
+
+
 class GraphSettings(_Section):
     """Links; the published ring if none are given (Rososhansky 2017, sec. 4.3)."""
 
@@ -70,7 +80,9 @@ class LeaderSettings(_Section):
 class StartSettings(_Section):
     """State at t = 0: at rest."""
 
-    mrp: tuple[tuple[float, float, float], ...] = Field(STARTS, description="sigma of each agent, over again if there are more")
+    mrp: tuple[tuple[float, float, float], ...] = Field(
+        STARTS, min_length=1, description="sigma of each agent, over again if there are more"
+    )
 
 
 class LawSettings(_Section):
@@ -138,7 +150,7 @@ class FormationScenario(_Section):
     title: str
     source: str = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
-    plant: FormationPlantSettings
+    plant: PlantSettings
     graph: GraphSettings = GraphSettings()
     leader: LeaderSettings = LeaderSettings()
     start: StartSettings = StartSettings()
@@ -185,21 +197,40 @@ class FormationScenario(_Section):
             label = f"faults.{number} ({fault.kind})"
             if fault.start_s >= duration:
                 raise ValueError(f"{label}: begins at {fault.start_s:g} s, the run ends at {duration:g} s")
-            if isinstance(fault, ConstantCommand | OtherGains) and fault.agents != "all" and max(fault.agents, default=0) > agents:
-                raise ValueError(f"{label}: there is no agent {max(fault.agents)}; there are {agents}")
+            if isinstance(fault, ConstantCommand | WheelFailure | OtherGains):
+                most = 0 if fault.agents == "all" else max(fault.agents, default=0)
+                if most > agents:
+                    raise ValueError(f"{label}: there is no agent {most}; there are {agents}")
+            if isinstance(fault, WheelFailure) and fault.wheel > self.wheels:
+                raise ValueError(f"{label}: there is no wheel {fault.wheel}; each agent has {self.wheels}")
             if isinstance(fault, Cut):
                 for i, j in fault.links:
                     if (j, i) not in linked and (i, j) not in linked:
                         raise ValueError(f"{label}: there is no link {i}-{j}")
-            if isinstance(fault, AddedInertia) and self.plant.inertia_kg_m2 != "printed":
-                for agent, tensor in enumerate(self.plant.inertia):
-                    if reason := why_impossible(tensor + np.diag(fault.add_kg_m2)):
-                        raise ValueError(f"{label}: no rigid body has the inertia of agent {agent + 1}, {reason}")
+            if isinstance(fault, AddedInertia):
+                self._can_be_had(label, fault)
         return self
+
+    def _can_be_had(self, label: str, fault: AddedInertia) -> None:
+        """Raise ValueError if bodies with more inertia are none."""
+        if isinstance(self.plant, FormationPlantSettings) and self.plant.inertia_kg_m2 == "printed":
+            return
+        carried = wholes = self.plant.inertia + np.diag(fault.add_kg_m2)
+        if isinstance(self.plant, FormationNacsPlantSettings):  # beside wheels and masses there must be a bus
+            moments = prepare_testbeds(self.plant).reassemble(wholes, self.plant.centres_of_mass).moments
+            carried = moments[..., None] * np.eye(3)
+        for agent, (whole, own) in enumerate(zip(wholes, carried, strict=True)):
+            if reason := why_impossible(whole) or why_impossible(own):
+                raise ValueError(f"{label}: no rigid body has the inertia of agent {agent + 1}, {reason}")
 
     def communication(self) -> CommunicationGraph:
         """The graph; raises ValueError."""
         return CommunicationGraph.of(self.plant.agents, self.graph.links, self.graph.leader)
+
+    @property
+    def wheels(self) -> int:
+        """Of each agent."""
+        return self.plant.testbed.wheel_axes.shape[1] if isinstance(self.plant, FormationNacsPlantSettings) else 0
 
     @property
     def starts(self) -> Array:

@@ -25,6 +25,7 @@ Array = NDArray[np.floating]
 QUIET = "#5a6270"
 FAULT = "#d62839"
 SMOOTH_S = 1.0
+RPM = 2.0 * np.pi / 60.0
 MOST_ROWS = 4000  # of a line; the picture has no more points
 
 
@@ -44,9 +45,13 @@ def write_formation_report(path: Path, name: str, scenario: FormationScenario, f
         _over_time(grid[0, 0], loops, "fkae", "Formation-keeping error FKAE, between all pairs", "FKAE [-]")
         grid[0, 0].axhline(SETTLED, color=QUIET, lw=0.8, ls=":")
         _over_time(grid[0, 1], loops, "skae", "Station-keeping error SKAE, from the leader", "SKAE [-]")
-        _over_time(grid[0, 2], loops, "formation_angle", "Angle between two spacecraft, RMS of all pairs", "angle [deg]", np.degrees(1.0))
+        members = "testbeds" if scenario.wheels else "spacecraft"
+        _over_time(grid[0, 2], loops, "formation_angle", f"Angle between two {members}, RMS of all pairs", "angle [deg]", np.degrees(1.0))
         _velocity(grid[1, 0], loops)
-        _turns(grid[1, 1], loops[0])
+        if scenario.wheels:
+            _wheels(grid[1, 1], _shown(loops))
+        else:
+            _turns(grid[1, 1], loops[0])
         _torque(grid[1, 2], _shown(loops))
         for letter, axes in zip("abcdef", grid.flat, strict=True):
             for occurrence in loops[0].occurrences:
@@ -128,6 +133,15 @@ def _turns(axes: Axes, flown: Flown) -> None:
     _line(axes, flown, np.sqrt(np.sum(flown.leader[:, :3] ** 2, axis=-1)), color="black", ls="--", label="leader")
     axes.axhline(1.0, color=QUIET, lw=0.8, ls=":")
     axes.set(title=f"Turns in {flown.loop}, |sigma|; 1: half a turn", ylabel="|sigma| [-]")
+    axes.legend(ncols=4, loc="upper right", columnspacing=1.0, handlelength=1.4)
+
+
+def _wheels(axes: Axes, flown: Flown) -> None:
+    """Speed of each testbed's fastest wheel."""
+    fastest = np.max(np.abs(flown.channels["wheel_speed"][:, 0]), axis=-1) / RPM
+    for number, values in enumerate(fastest.T):
+        _line(axes, flown, values, color=colour(number, fastest.shape[1]), label=f"{number + 1}")
+    axes.set(title=f"Fastest wheel of each testbed in {flown.loop}", ylabel="speed [rpm]", ylim=(0.0, None))
     axes.legend(ncols=4, loc="upper right", columnspacing=1.0, handlelength=1.4)
 
 
