@@ -21,6 +21,7 @@ class Estimate(NamedTuple):
     omega_wheel: Array  # (..., wheels) rad/s
     mode_probabilities: Array | None = None  # (..., modes), the healthy one first; None: nobody estimates the mode
     q_read: Array | None = None  # (..., 4) what the observer last read, NaN if nothing; None: no observer gives the state
+    learned_torque_B: Array | None = None  # (..., 3) N m on the body that no model has; None: nobody has learned it
 
 
 class Target(NamedTuple):

@@ -13,10 +13,12 @@ from models.assembly import Assembly
 from models.euler_angles import from_euler_313
 from models.monolithic import MonolithicParameters
 from models.nacs import BALANCE_MASSES, NacsParameters
+from models.unmodelled_torque import UnmodelledTorque
 from models.wheel_faults import WheelFault
 from sim import randomness
 from sim.faults import schedule
 from sim.guests import Guests
+from sim.learning_settings import Learning, compensates
 from sim.loop import System
 from sim.observer_settings import Imm
 from sim.observers import Models, build_banks
@@ -66,6 +68,7 @@ def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None =
         trials=trials,
         ticks=run.ticks,
         dt=run.tick_s,
+        unmodelled=_unmodelled(scenario, variants),
     )
 
 
@@ -79,6 +82,21 @@ def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> A
         variants.plant_values("air_torque_nm")[:, None],
         variants.plant_values("air_torque_correlation_s")[:, None],
         run.tick_s,
+    )
+
+
+def _unmodelled(scenario: Scenario, variants: Variants) -> UnmodelledTorque | None:
+    """The torque that each trial's testbed has and no filter knows, if somebody learns it or knows it from the truth."""
+    if not (compensates(scenario.law) or any(isinstance(o, Learning) for o in scenario.observers.values())):
+        return None
+    value = variants.plant_values
+    return UnmodelledTorque(
+        weight=value("mass_kg") * value("gravity_m_s2"),
+        centre_of_mass=1e-6 * value("centre_of_mass_um"),
+        wheel_axes=scenario.plant.wheel_axes,
+        wheel_coulomb=value("wheel_coulomb_nm"),
+        wheel_viscous=value("wheel_viscous_nms"),
+        bearing_viscous=value("bearing_viscous_nms"),
     )
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from control.allocation import Allocation, DirectTorque, PseudoInverseAllocation
 from control.antenna_pointing import AXES, HELD, AntennaPointing
+from control.disturbance_compensation import DisturbanceCompensation
 from control.feed_forward import BodyModel
 from control.mode_weighted_allocation import ModeWeightedAllocation
 from control.output_feedback import OutputFeedback
@@ -83,6 +84,8 @@ class LawSettings(_Section, ABC):
 class MemorylessSettings(LawSettings):
     """What laws without a memory have in common."""
 
+    compensate_learned: bool = Field(False, description="subtracts the torque that the feedback observer has learned")
+
     @abstractmethod
     def law(self, model: BodyModel) -> Controller:
         """The law on its own."""
@@ -90,7 +93,8 @@ class MemorylessSettings(LawSettings):
     def controller(self, assembly: Assembly, tick_s: float) -> Controller:  # noqa: ARG002
         """The law with its limit, believing the plant's own inertia and wheels."""
         law = self.law(BodyModel(assembly.inertia, assembly.wheel_inertia * assembly.wheel_axes))
-        return AxisLimited(law, self.axis_limit_nm) if self.axis_limit_nm else law
+        whole = DisturbanceCompensation(law) if self.compensate_learned else law
+        return AxisLimited(whole, self.axis_limit_nm) if self.axis_limit_nm else whole
 
 
 class PdSettings(MemorylessSettings):

@@ -12,6 +12,7 @@ from control.allocation import Allocation
 from control.tracking import Controller, Estimate, Memoryless, RememberingController, Target
 from estimation.gaussian import Belief, LostDefiniteness
 from models.quaternion import IDENTITY
+from models.unmodelled_torque import UnmodelledTorque
 from sim.faults import FaultSchedule
 from sim.observers import Bank
 from sim.plant import Plant, SimulationFailed
@@ -35,6 +36,7 @@ class System:
       drive_noise: torque errors of the drives, (ticks, trials, wheels) N m; of a body without wheels (ticks, trials, 3).
       trials: their numbers, (trials,).
       dt: control period, s.
+      unmodelled: what filters learn and are held against; None: none does.
     """
 
     plant: Plant
@@ -51,6 +53,7 @@ class System:
     trials: NDArray[np.int64]
     ticks: int
     dt: float
+    unmodelled: UnmodelledTorque | None = None
 
 
 def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None) -> Recording:
@@ -83,10 +86,11 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
     for k in range(system.ticks):
         truth = plant.truth()
         recorder.put("truth/state", k, truth.state)
+        unmodelled = system.unmodelled.at(truth.state) if system.unmodelled else None
         reading = system.sensors.read(k, truth, recorder.array("truth/state"))
         beliefs = _observe(system, beliefs, np.concatenate([command, held[..., 7:]], axis=-1), reading, k)
         held = np.where(np.isnan(reading), held, reading)
-        estimate = _estimate(system, beliefs, truth.state, held, reading)
+        estimate = _estimate(system, beliefs, truth.state, held, reading, unmodelled)
 
         learnt = law.start(estimate) if k == 0 else learnt
         torque_B, learnt, notes = law.decide(estimate, Target(*(part[k] for part in system.target)), learnt)
@@ -106,6 +110,7 @@ def _fly(system: System, recorder: Recorder, on_tick: Callable[[int, Recorder], 
                 "command": command,
                 "applied": applied,
                 "fault": faults.active[k],
+                **({} if unmodelled is None else {"truth/unmodelled": unmodelled}),
                 **{f"control/{name}": note for name, note in notes.items()},
             },
         )
@@ -133,20 +138,22 @@ def _observe(system: System, beliefs: tuple[Belief, ...], known: Array, reading:
     return tuple(after)
 
 
-def _estimate(system: System, beliefs: tuple[Belief, ...], truth: Array, held: Array, reading: Array) -> Estimate:
-    """State that the controller acts on; `held` is the last reading without its gaps."""
+def _estimate(system: System, beliefs: tuple[Belief, ...], truth: Array, held: Array, reading: Array, unmodelled: Array | None) -> Estimate:
+    """State that the controller acts on; `held` is the last reading without its gaps, `unmodelled` the true torque of that name."""
     state = {"truth": truth, "measurement": held}.get(system.feedback)
-    modes, q_read = None, None
+    modes, q_read, learned = None, None, unmodelled if system.feedback == "truth" else None
     for bank, belief in zip(system.banks, beliefs, strict=True):
         if system.feedback in bank.names:
             member = bank.names.index(system.feedback)
             state = belief.mean[member]
             modes = belief.modes.probabilities[member] if belief.modes is not None else None
             q_read = reading[..., :4]
+            torques = getattr(belief.memory, "learned", None)
+            learned = torques[member] if torques is not None else None
     if state is None:
         raise ValueError(f"feedback {system.feedback!r} is no observer of this loop")
     wheels = state[..., 7:] if state.shape[-1] == held.shape[-1] else held[..., 7:]  # as read, where no state
-    return Estimate(state[..., :4], state[..., 4:7], wheels, modes, q_read)
+    return Estimate(state[..., :4], state[..., 4:7], wheels, modes, q_read, learned)
 
 
 def _quantize(command: Array, step: float) -> Array:

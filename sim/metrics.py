@@ -11,6 +11,7 @@ from models import quaternion
 from models.assembly import Assembly
 from models.euler_angles import to_euler_313, wrapped_difference
 from sim import windows
+from sim.learned_metrics import of_learning, window_flags
 from sim.recording import Recording
 from sim.references import EulerRates
 from sim.scenario import Scenario
@@ -54,14 +55,19 @@ def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scena
     closing = scenario.law.feedback if scenario is not None and loop != "loop" else None
     limit = (scenario.law.axis_limit_nm if scenario is not None else None) or np.inf
     out: list[Metric] = []
-    for phase, flags in phases(recording).items():
+    flagged = phases(recording)
+    every = scenario is not None and scenario.phase_metrics == "all"
+    if scenario is not None and every:
+        flagged |= window_flags(recording, scenario.phases)
+    for phase, flags in flagged.items():
         for name in recording.observers:
             subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
             out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
+            out += [Metric(subject, *row) for row in of_learning(recording, name, phase, flags)]
         out += [Metric(loop, *row) for row in _loop(recording, assembly, limit, phase, flags, truth, reading)]
         if spins:
             out += [Metric(loop, *row) for row in _euler_angles(recording, phase, flags, truth)]
-    if scenario is not None and scenario.phases:
+    if scenario is not None and scenario.phases and not every:
         out += [Metric(loop, *row) for row in windows.of_the_body(recording, scenario.phases)]
         for name in recording.observers:
             subject = name if closing is None else loop if name == closing else f"{loop}/{name}"

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from estimation.extended_kalman import GainLaw, KalmanGain
-from estimation.fading import ConstantFading, FadingLaw, StrongTracking
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
 from estimation.sliding_innovation import SlidingGain
 from estimation.vector_part import Measured
 from models.wheel_faults import WheelFault, lost_axis
+from sim.fading_settings import FadingSettings, NoFadingSettings
+from sim.learning_settings import Learning
 from sim.tunings import LEAST_VARIANCE, TUNINGS, NonNegative, Positive, Tuning
 
 Array = NDArray[np.floating]
@@ -101,51 +102,6 @@ class Ukf(ExtendedSettings):
     alpha: Positive = Field(0.1, description="spread of the sigma points")
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
-
-
-class NoFadingSettings(BaseModel):
-    """Nothing fades."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    type: Literal["off"] = "off"
-
-    @property
-    def law(self) -> FadingLaw:
-        """As the filter knows it."""
-        return ConstantFading()
-
-
-class ConstantFadingSettings(BaseModel):
-    """The same fading factor at every tick."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    type: Literal["constant"]
-    factor: Annotated[float, Field(ge=1)] = Field(1.02, description="lambda, of the covariance; 1: nothing fades")
-
-    @property
-    def law(self) -> FadingLaw:
-        """As the filter knows it."""
-        return ConstantFading(self.factor)
-
-
-class StrongTrackingSettings(BaseModel):
-    """A fading factor that makes innovations as large as expected."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    type: Literal["adaptive"]
-    forgetting: Annotated[float, Field(gt=0, le=1)] = Field(0.95, description="rho, of the innovations' variance")
-    cap: Annotated[float, Field(ge=1)] = Field(1e3, description="greatest factor")
-
-    @property
-    def law(self) -> FadingLaw:
-        """As the filter knows it."""
-        return StrongTracking(self.forgetting, self.cap)
-
-
-FadingSettings = Annotated[NoFadingSettings | ConstantFadingSettings | StrongTrackingSettings, Field(discriminator="type")]
 
 
 class Aukf(Ukf):
@@ -275,4 +231,4 @@ def _wheel_fault(mode: tuple[WheelMode, ...], wheels: int) -> WheelFault:
     return WheelFault(indicator, torque)
 
 
-ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched | Ukf | Aukf | Pf | Imm, Field(discriminator="type")]
+ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched | Ukf | Aukf | Pf | Imm | Learning, Field(discriminator="type")]

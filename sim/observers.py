@@ -25,6 +25,8 @@ from models.process import ProcessModel, predict, predict_euler, runge_kutta
 from models.quaternion import IDENTITY
 from models.wheel_faults import WheelFault
 from models.wheeled_body import WheeledBody
+from sim.learning_observer import LearningObserver, learning_observer
+from sim.learning_settings import Learning
 from sim.observer_settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
 from sim.particle_observer import DrawBlocks, ParticleObserver
 from sim.plants import Parameters
@@ -88,20 +90,22 @@ class Bank:
       filter: steps them all.
       thresholds: on, off of each member's fault detector.
       speeds_are_states: whether they estimate the wheel speeds; otherwise these are read and are inputs beside the torques.
+      whole: whether they are told all that is known and read, and take from it what they need.
     """
 
     names: tuple[str, ...]
     filter: Observer
     thresholds: tuple[tuple[float, float] | None, ...]
     speeds_are_states: bool = True
+    whole: bool = False
 
     def inputs(self, known: Array) -> Array:
         """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""
-        return known[..., : known.shape[-1] // 2] if self.speeds_are_states else known
+        return known[..., : known.shape[-1] // 2] if self.speeds_are_states and not self.whole else known
 
     def measured(self, reading: Array) -> Array:
         """What it takes for a measurement of a reading (trials, 7 + wheels)."""
-        return reading if self.speeds_are_states else reading[..., :7]
+        return reading if self.speeds_are_states or self.whole else reading[..., :7]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +129,10 @@ class Alone:
 
 
 GaussianFilter = ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | InteractingMultipleModel
+Single = GaussianFilter | ParticleObserver | LearningObserver
 
 
-def build_filter(settings: ObserverSettings, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter | ParticleFilter:
+def build_filter(settings: ExtendedSettings | Imm, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter | ParticleFilter:
     """The filter that the settings stand for."""
     if not isinstance(settings, Imm):
         return _single(settings, models, sensors, wheels, None)
@@ -153,8 +158,7 @@ def _single(
     q, r, layer = tuning.scaled(sensors)
     multiplicative = isinstance(settings, Mekf) or (isinstance(settings, Ukf) and settings.coordinates == "multiplicative")
     counts = [3 if multiplicative else 4, 3, wheels if models.speeds_are_states else 0]
-    # a rotation vector is twice the quaternion's vector part
-    unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)
+    unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)  # a rotation vector is twice the quaternion's vector part
     if fault is None:
         process = models.with_drag if tuning.wheel_drag else models.plain
     else:
@@ -200,8 +204,11 @@ def build_banks(
     trials: Trials | None = None,
 ) -> tuple[Bank, ...]:
     """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
-    groups: list[list[tuple[str, GaussianFilter | ParticleObserver]]] = []
+    groups: list[list[tuple[str, Single]]] = []
     for name, settings in observers.items():
+        if isinstance(settings, Learning):
+            groups.append([(name, learning_observer(settings, models.parameters, sensors))])
+            continue
         single = build_filter(settings, models, sensors, wheels)
         if isinstance(single, ParticleFilter):
             if trials is None:
@@ -222,19 +229,20 @@ def build_banks(
             filter=_as_one([single for _, single in group]),
             thresholds=tuple(thresholds_of(single) for _, single in group),
             speeds_are_states=models.speeds_are_states,
+            whole=isinstance(group[0][1], LearningObserver),
         )
         for group in groups
     )
 
 
-def _as_one(group: list[GaussianFilter | ParticleObserver]) -> Observer:
+def _as_one(group: list[Single]) -> Observer:
     """Filters of one kind; those that are no extended ones come alone."""
     if alike := [single for single in group if isinstance(single, ExtendedFilter)]:
         return stack(alike)
-    return group[0] if isinstance(group[0], ParticleObserver) else Alone(group[0])
+    return group[0] if isinstance(group[0], ParticleObserver | LearningObserver) else Alone(group[0])
 
 
-def thresholds_of(single: GaussianFilter | ParticleObserver) -> tuple[float, float] | None:
+def thresholds_of(single: Single) -> tuple[float, float] | None:
     """Statistic above which a filter declares a fault and below which it withdraws it, if it does."""
     if isinstance(single, InteractingMultipleModel):
         return single.declare_above, single.withdraw_below

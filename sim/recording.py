@@ -18,8 +18,8 @@ Array = NDArray[np.floating]
 AnyArray = NDArray[np.floating] | NDArray[np.bool_]
 
 MULTIPLICATIVE = Multiplicative()
-OBSERVED = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared", "modes", "lost", "ess", "fading")
-REMEMBERED = ("ess", "fading")
+OBSERVED = ("mean", "sigma", "nees", "nis", "dof", "statistic", "declared", "modes", "lost", "ess", "fading", "learned")
+REMEMBERED = ("ess", "fading", "learned")
 _BLOCK = 25  # ticks whose covariances are kept until they are reduced together
 
 
@@ -31,8 +31,8 @@ class Recording:
     `fault` (bool); of each observer NAME: `NAME/mean`, `NAME/sigma` (attitude as a rotation, rad), `NAME/nees`, `NAME/nis`,
     `NAME/dof`, `NAME/statistic`, `NAME/declared`; of one with modes `NAME/modes`, their probabilities; of one that repairs covariances
     `NAME/lost`, how many so far; of a particle filter `NAME/ess`, the effective number of particles; of an adaptive one `NAME/fading`, its
-    factor; `control/...`, what a law notes. `reference/...` has no trial axis. Findings are what was worked out of a
-    trial afterwards, (trials, ...).
+    factor; of one that learns a torque `NAME/learned` (N m in B), beside it `truth/unmodelled`; `control/...`, what a law notes.
+    `reference/...` has no trial axis. Findings are what was worked out of a trial afterwards, (trials, ...).
     """
 
     dt: float

@@ -16,6 +16,7 @@ from sim import scenario as scenarios
 from sim.faults import Occurrence
 from sim.flight_log import STATES, WHEELS, FlightLog
 from sim.guests import Guests
+from sim.learning_settings import Learning
 from sim.observer_settings import ObserverSettings
 from sim.observers import Bank, Models, build_banks
 from sim.plant import SimulationFailed
@@ -73,6 +74,8 @@ def choose(scenario: Scenario, wanted: list[str]) -> dict[str, ObserverSettings]
             chosen[name] = scenario.observers.get(name) or TypeAdapter[ObserverSettings](ObserverSettings).validate_python(plain)
         except ValidationError:
             raise BadInput(f"--filter {name}: no such filter; there are {', '.join(scenario.observers)}") from None
+        if isinstance(chosen[name], Learning):
+            raise BadInput(f"--filter {name}: is of type learning, which takes wheel speeds as known; replayed are filters of all states")
     return chosen
 
 

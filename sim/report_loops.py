@@ -13,10 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from sim.learned_series import learners
 from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, edges, flights, moving_mean, moving_rms, running_rms, torque_unit, window
 from sim.palette import WHEEL_COLORS
 from sim.recording import Recording
 from sim.report import STYLE
+from sim.report_learned import draw_error, draw_torque
 from sim.scenario import Scenario
 from sim.series import RPM
 
@@ -53,8 +55,13 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         _angle(grid[1, 0], several)
         modal = any(flight.probabilities is not None for flight in several)
         wheels = several[0].channel("truth/state").shape[-1] > 7
-        (_modes if modal else _body_rate)(grid[1, 1], several)
-        (_gains if modal or not _counting(several) else _particles)(grid[1, 2], several)
+        if learners(several):
+            draw_error(grid[1, 1], several, _line)
+            _plain_log(grid[1, 1])
+            draw_torque(grid[1, 2], several)
+        else:
+            (_modes if modal else _body_rate)(grid[1, 1], several)
+            (_gains if modal or not _counting(several) else _particles)(grid[1, 2], several)
         _effort(grid[2, 0], several)
         (_wheel_speeds if wheels else _rate_error)(grid[2, 1], several)
         _estimate(grid[2, 2], several)

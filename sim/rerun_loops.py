@@ -19,6 +19,7 @@ from sim.antenna_series import (
     antenna_lanes,
     is_antenna,
 )
+from sim.learned_series import learned_curves, learners
 from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, events, flights, lanes, torque_unit, window
 from sim.palette import ALERT, CALM, HEALTHY, REFERENCE
 from sim.plants import compile_plant
@@ -57,7 +58,7 @@ def write_loops(path: Path, name: str, scenario: Scenario, recordings: dict[str,
             trials[f"Trial {number}"] = Trial(prefix, mapping, stage(mapping, assembly, outlook(mapping)), shown, mapping)
         else:
             several = flights(scenario, recordings, position)
-            shown = tuple(curves(several, edges(several), window(several)))
+            shown = (*curves(several, edges(several), window(several)), *learned_curves(several))
             trials[f"Trial {number}"] = Trial(prefix, several, stage(several, assembly), shown)
     with rr.RecordingStream(APPLICATION) as stream:
         stream.save(path, default_blueprint=blueprint({label: layout(trial) for label, trial in trials.items()}))
@@ -102,6 +103,7 @@ def layout(trial: Trial) -> LoopsLayout:
         laws={law: titles[law] for law in laws},
         torque=torque_unit(trial.several)[1],
         modal={flight.name: len(flight.modes) for flight in trial.several if flight.probabilities is not None},
+        learners=tuple(flight.name for flight in learners(trial.several)),
         ranges=_ranges(trial),
         trails=tuple(f"{path_of(flight.name)}/trail" for flight in trial.several),
         trail_s=TRAIL_SHARE * trial.duration,

@@ -22,6 +22,7 @@ class LoopsLayout(Page):
       laws: titles of the control laws, by type.
       torque: its unit.
       modal: loops whose observer has modes, and how many.
+      learners: loops whose observer learns a torque.
       ranges: of axes on which the start would hide all else, by entity.
       trails: entities of the pointers' trails.
       trail_s: how long they are.
@@ -35,6 +36,7 @@ class LoopsLayout(Page):
     laws: dict[str, str]
     torque: str
     modal: dict[str, int]
+    learners: tuple[str, ...]
     ranges: dict[str, tuple[float, float]]
     trails: tuple[str, ...]
     trail_s: float
@@ -49,6 +51,7 @@ class LoopsLayout(Page):
     def tabs(self) -> list[Any]:
         """All tabs, each of views of its own: Rerun allows a view one parent only."""
         modes = [self._modes()] if self.modal else []
+        learned = [self._learned()] if self.learners else []
         return [
             self._overview(),
             self._tracking(),
@@ -57,6 +60,7 @@ class LoopsLayout(Page):
             self._torque(),
             self._wheels(),
             self._estimation(),
+            *learned,
             self._run(),
         ]
 
@@ -111,6 +115,11 @@ class LoopsLayout(Page):
             self._plot(nis, "estimation/nis", "estimation/nis_band/**", high=50.0, legend=False),
             name="Estimation",
         )
+
+    def _learned(self) -> Any:
+        torques = [self._plot(f"Unmodelled torque about {axis}, learned and applied [mN m]", f"learned/torque_{axis}") for axis in "xyz"]
+        error = self._among("Learned minus applied torque, length, moving RMS [mN m]", "learned/error", legend=False)
+        return rrb.Vertical(*torques, error, name="Learned torque")
 
     def _run(self) -> Any:
         document = rrb.TextDocumentView(name="Configuration", origin="/configuration")

@@ -14,6 +14,7 @@ from sim.closed_loop_identification import IdentificationSettings
 from sim.complaints import first_complaint
 from sim.control_settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
 from sim.faults import Fault, earliest_start, latest_end
+from sim.learning_settings import complain_of_learning
 from sim.observer_settings import Imm, ObserverSettings
 from sim.plants import NacsPlant, PlantSettings, complain_of_masses
 from sim.references import ReferenceSettings
@@ -99,6 +100,7 @@ class Scenario(_Section):
     observers: dict[str, ObserverSettings]
     faults: tuple[Fault, ...] = ()
     phases: dict[str, tuple[NonNegative, Positive]] = Field({}, description="windows of time with metrics of their own: [start, end] in s")
+    phase_metrics: Literal["estimates", "all"] = Field("estimates", description="of those windows: of body and estimate, or every metric")
     identification: IdentificationSettings | None = Field(None, description="of what the controllers of two loops truly make of the plant")
     published: Published | None = None
     claims: Literal["gyroless"] | None = Field(None, description="whose claims the run is held against, see sim/claims.py")
@@ -175,6 +177,7 @@ class Scenario(_Section):
             wheel = getattr(fault, "wheel", "all")
             if isinstance(wheel, int) and wheel > wheels:
                 raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to {wheels} or 'all'")
+        complain_of_learning(self.observers, self._laws, self.plant, [fault.kind for fault in self.faults])
         try:
             complain_of_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:
@@ -185,9 +188,7 @@ class Scenario(_Section):
         """Raise ValueError if a loop is closed on nothing, or has gains for other modes than its observer's."""
         if (self.control is None) == (not self.loops):
             raise ValueError("control: give either [control] for one closed loop or [loops.NAME.control] for several")
-        for where, loop in {"control": self.control, **{f"loops.{n}.control": o.control for n, o in self.loops.items()}}.items():
-            if loop is None:
-                continue
+        for where, loop in self._laws.items():
             if loop.feedback not in sources:
                 raise ValueError(f"{where}.feedback: no observer {loop.feedback!r}; there are {', '.join(sources)}")
             observer = self.observers.get(loop.feedback)
@@ -204,6 +205,12 @@ class Scenario(_Section):
         for name, settings in self.loops.items():
             if absent := [watching for watching in settings.watching if watching not in self.observers]:
                 raise ValueError(f"loops.{name}.watching: no observer {absent[0]!r}; there are {', '.join(self.observers)}")
+
+    @property
+    def _laws(self) -> dict[str, ControlSettings]:
+        """Settings of all laws, by their place in the file."""
+        several = {f"loops.{name}.control": loop.control for name, loop in self.loops.items()}
+        return several if self.control is None else {"control": self.control, **several}
 
     @property
     def law(self) -> ControlSettings:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from estimation.consistency import average_bounds
 from sim.claims import Claim
+from sim.learned_tables import learned
 from sim.metrics import STATES
 from sim.references import EulerRates
 from sim.results import Row
@@ -181,7 +182,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     for name in names:
         values = [(found.get((name, metric, phase)), factor) for metric, phase, _, factor in shown]
         table.add_row(name, *(number(None if value is None else factor * value) for value, factor in values))
-    return [*out, table]
+    return [*out, table, *learned(rows, scenario, trials)]
 
 
 def _beside(
