@@ -11,6 +11,7 @@ from models import formation, monolithic
 from models.agents import AgentsParameters
 from models.flexible import FLEXIBLE_SETS, FlexibleParameters
 from models.formation import FormationParameters
+from models.formation_nacs import FormationNacsParameters
 from models.freeflyer import FreeflyerParameters
 from models.monolithic import MonolithicParameters
 from models.nacs import NacsParameters
@@ -133,6 +134,14 @@ What follows from them:
 | set | spacecraft | xx, yy, zz, xy, xz, yz, kg m2 |
 |---|---|---|
 {tensors(formation.INERTIA_SETS)}
+
+## Testbeds in formation (`type = "formation-nacs"`)
+
+What each has beyond the parameters of the plant above, which are keys of `testbed` here (`--set plant.testbed.air_torque_nm=0`).
+
+| key | value | unit | meaning | provenance |
+|---|---|---|---|---|
+{rows(FormationNacsParameters())}
 
 ## Agents in the plane (`type = "agents"`)
 

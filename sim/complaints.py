@@ -33,12 +33,15 @@ def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
 
 def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
     """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
-    node = data
+    node, tagged = data, False
     for number, part in enumerate(location):
+        if isinstance(node, dict) and not tagged and part in (node.get("type"), node.get("kind")):
+            tagged = True
+            continue
         inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int) and part < len(node)
         if inside:
             yield str(part)
-            node = node[part]
+            node, tagged = node[part], False
         elif number == len(location) - 1 and isinstance(node, dict):
             yield str(part)
 

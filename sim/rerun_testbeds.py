@@ -114,7 +114,7 @@ class RoomScene:
             aim = rr.Transform3D.columns(translation=np.tile(place, (len(rows), 1)), quaternion=turned)
             yield f"world/testbed_{agent + 1}/aim", rows, aim
             if len(flown.places) <= MOST_LABELS:
-                labels = [f"{agent + 1}: {angle:.2f} deg off" for angle in off[:, agent]]
+                labels = [f"{agent + 1}: {angle:.1f} deg" for angle in off[:, agent]]
                 above = np.tile(place + LABEL_ABOVE, (len(rows), 1))
                 pale = bytes((*(128 + c // 2 for c in shade), 255))
                 colours = np.full(len(rows), int.from_bytes(pale, "big"), dtype=np.uint32)

@@ -165,7 +165,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
             if (name, kept[0][0], phase) in found:
                 table.add_row(name, *(_beside(found, printed, name, metric, phase, factor) for metric, _, factor in kept))
         out.append(table)
-    table = plain_table("Effort over the whole run, RMS a body axis in N m", f"means over {trials} trials")
+    table = plain_table("Effort, RMS a body axis in N m", f"means over {trials} trials")
     table.add_column("loop", overflow="fold")
     for axis in "xyz":
         table.add_column(axis, justify="right", no_wrap=True)

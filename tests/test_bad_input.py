@@ -17,7 +17,7 @@ SETTINGS = [
     ("plant.inertia_kg_m2=[1,1,1,2,0,0]", ["plant.inertia_kg_m2", "not positive"]),
     ("plant.inertia_kg_m2=[1,1,1]", ["plant.inertia_kg_m2"]),
     ("plant.wheel_imbalance_um=1", ["step_s", "imbalance", "0.0005"]),
-    ("plant.mass_kg=0.2", ["mass_kg", "exceed"]),
+    ("plant.mass_kg=0.2", ["toml: plant: mass_kg = 0.2 must exceed"]),
     ("sensors.set=perfect", ["sensors", "'perfect'", "bench, paper, vn100, wmap, ideal"]),
     ("sensors.gyro_noise_deg=1", ["sensors.gyro_noise_deg", "unknown key", "gyro_noise_rad_s"]),
     ("sensors.dropout_probability=1.5", ["sensors.dropout_probability", "less than 1"]),
