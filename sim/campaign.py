@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import tomllib
+from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from scipy.stats import qmc
 
 from models.inertia import why_impossible
 from models.nacs import INERTIA_SETS, prepare_nacs
-from sim import scenario as scenarios
+from sim import families
 from sim.complaints import first_complaint
 from sim.draws import Number
+from sim.families import Settings
 from sim.faults import Fault
 from sim.plants import NacsPlant
 from sim.randomness import Stream, generator
@@ -34,7 +36,7 @@ _FAULTS: TypeAdapter[tuple[Fault, ...]] = TypeAdapter(tuple[Fault, ...])
 
 _DISTRIBUTIONS = {"constant", "uniform", "normal", "log_uniform", "choice"}
 
-HEADLINES = (
+HEADLINES = (  # of all kinds of scenario; each has some of them
     "rmse_truth_quaternion",
     "rmse_truth_rate",
     "rmse_residual_total",
@@ -50,6 +52,21 @@ HEADLINES = (
     "peak_wheel_speed",
     "saturated_time_s",
     "missing_readings",
+    "rms_rate_error",
+    "rms_attitude_error",
+    "time_to_region_s",
+    "final_attitude",
+    "ess_median",
+    "lost",
+    "skae",
+    "fkae",
+    "settling_time_s",
+    "rms_velocity_error",
+    "lost_filters",
+    "aem",
+    "rem",
+    "dynamics_error",
+    "lost_s",
 )
 
 
@@ -65,7 +82,7 @@ class Campaign(BaseModel):
     shard: Annotated[int, Field(ge=1)] = Field(50, description="trials that are simulated together; no result depends on it")
     design: Literal["random", "latin-hypercube", "sobol"] = "random"
     non_physical: Literal["redraw", "refuse"] = Field("redraw", description="what to do with a draw that no plant can have")
-    metrics: tuple[str, ...] = Field(HEADLINES, description="metrics that are kept, with wildcards")
+    metrics: tuple[str, ...] = Field(HEADLINES, description="metrics that are kept, with wildcards; metric@phase for one phase")
     override: dict[str, Any] = Field({}, description="scenario keys that are the same in all trials")
     dispersion: dict[str, Number] = Field({}, description="scenario keys that are drawn anew in every trial")
     grid: dict[str, tuple[Any, ...]] = Field({}, description="scenario keys whose values are all tried, crossed with the trials")
@@ -75,9 +92,17 @@ class Campaign(BaseModel):
         """Settings of each point of the grid."""
         return [dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())]
 
-    def at(self, point: int) -> Scenario:
+    def keeps(self, metric: str, phase: str) -> bool:
+        """Whether a metric is kept."""
+        return any(fnmatch(metric, pattern) or fnmatch(f"{metric}@{phase}", pattern) for pattern in self.metrics)
+
+    def at(self, point: int) -> Settings:
         """The scenario at a point of the grid; raises BadInput."""
-        return scenarios.load(self.scenario, self.override | self.points[point] | {"run.seed": self.seed, "run.trials": self.trials})
+        return families.load(self.scenario, self.changes(point))
+
+    def changes(self, point: int) -> dict[str, Any]:
+        """What that scenario has instead of what its file says."""
+        return self.override | self.points[point] | {"run.seed": self.seed, "run.trials": self.trials}
 
 
 class Drawn(NamedTuple):
@@ -111,13 +136,16 @@ def load(path: Path) -> Campaign:
             base = campaign.at(point)
         except BadInput as wrong:
             raise BadInput(f"{path}: {wrong}") from None
-        (_check_dispersion if batched(base) else _check_alone)(campaign, base, path)
+        if batched(base):
+            _check_dispersion(campaign, base, path)
+        else:
+            _check_alone(campaign, base, path)
     return campaign
 
 
-def batched(base: Scenario) -> bool:
+def batched(base: Settings) -> TypeGuard[Scenario]:
     """Whether trials that differ are flown as one batch; otherwise each is flown alone, and any key of the scenario may be dispersed."""
-    return isinstance(base.plant, NacsPlant) and not base.loops
+    return isinstance(base, Scenario) and isinstance(base.plant, NacsPlant) and not base.loops
 
 
 def picked(campaign: Campaign, trial: int) -> dict[str, float]:
@@ -126,17 +154,17 @@ def picked(campaign: Campaign, trial: int) -> dict[str, float]:
     return {key: d.quantile(float(s)) for (key, d), s in zip(campaign.dispersion.items(), share, strict=True)}
 
 
-def alone(campaign: Campaign, base: Scenario, trial: int) -> Scenario:
+def alone(campaign: Campaign, base: Settings, trial: int) -> Settings:
     """The scenario that a trial flown alone is; raises BadInput if it is impossible."""
-    return scenarios.check(base.model_dump(mode="json", exclude_none=True), f"trial {trial}", dict(picked(campaign, trial)))
+    return families.check(families.dumped(base), f"trial {trial}", dict(picked(campaign, trial)))
 
 
-def _check_alone(campaign: Campaign, base: Scenario, path: Path) -> None:
+def _check_alone(campaign: Campaign, base: Settings, path: Path) -> None:
     """Every key must exist, and the scenario be possible at the middle of all distributions."""
     for key, distribution in campaign.dispersion.items():
         where = f"{path}: dispersion.{key}"
         try:
-            scenarios.check(base.model_dump(mode="json", exclude_none=True), where, {key: distribution.quantile(0.5)})
+            families.check(families.dumped(base), where, {key: distribution.quantile(0.5)})
         except BadInput as wrong:
             raise BadInput(str(wrong).replace(f"--set {key}", where)) from None
 
@@ -193,7 +221,8 @@ def _shares(campaign: Campaign, trials: NDArray[np.int64]) -> Array:
     """Place of each trial in the unit cube, (trials, keys)."""
     size = len(campaign.dispersion)
     if campaign.design == "random" or not size:
-        return np.array([generator(campaign.seed, int(trial), Stream.DISPERSION).random(size) for trial in trials]).reshape(-1, size)
+        drawn = [generator(campaign.seed, int(trial), Stream.DISPERSION).random(size) for trial in trials]
+        return np.array(drawn).reshape(len(trials), size)
     if campaign.design == "latin-hypercube":
         return qmc.LatinHypercube(size, rng=campaign.seed).random(campaign.trials)[trials]
     return qmc.Sobol(size, rng=campaign.seed).random_base2(int(np.ceil(np.log2(max(2, campaign.trials)))))[trials]

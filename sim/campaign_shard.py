@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fnmatch import fnmatch
+import json
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +10,16 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from models import quaternion
+from sim import families
 from sim.build import build
 from sim.campaign import Campaign, alone, batched, draw, picked
+from sim.families import Settings
 from sim.loop import run
 from sim.metrics import Metric, evaluate
 from sim.plant import SimulationFailed
 from sim.recording import Recording
 from sim.scenario import BadInput, Scenario
-from sim.shards import simulate
+from sim.shards import Shard, simulate
 
 Array = NDArray[np.floating]
 
@@ -49,10 +51,11 @@ class Tables(NamedTuple):
 
 def fly(job: Job) -> Tables:
     """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
-    campaign, scenario = Campaign.model_validate_json(job.campaign), Scenario.model_validate_json(job.scenario)
+    campaign = Campaign.model_validate_json(job.campaign)
+    scenario = families.check(json.loads(job.scenario), f"point {job.point}", {})
     trials = np.arange(job.start, job.stop)
     if not batched(scenario):
-        return _fly_alone(job, campaign, scenario, trials)
+        return _fly_as_scenarios(job, campaign, scenario, trials)
     drawn = draw(campaign, scenario, trials)
     alive, failures = np.arange(len(trials)), dict[int, str]()
     recording: Recording | None = None
@@ -67,34 +70,48 @@ def fly(job: Job) -> Tables:
         except SimulationFailed as failure:
             failures[failure.trial] = str(failure)
             alive = alive[trials[alive] != failure.trial]
-    kept = [m for m in found if any(fnmatch(m.metric, pattern) for pattern in campaign.metrics)]
+    kept = [m for m in found if campaign.keeps(m.metric, m.phase)]
     metrics = _tidy(job.point, campaign, trials, drawn.values, drawn.redrawn, trials[alive], kept, failures)
     return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
 
 
-def _fly_alone(job: Job, campaign: Campaign, scenario: Scenario, trials: NDArray[np.int64]) -> Tables:
-    """Simulate each trial as a scenario of its own; there are no bands, since loops have no observers in common."""
+def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: Settings, trials: NDArray[np.int64]) -> Tables:
+    """Simulate each trial as a scenario of its own, all at once if nothing is dispersed; no bands: loops differ in observers."""
     values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
-    nobody = np.zeros(0, dtype=np.int64)
-    for trial in trials:
-        drawn = picked(campaign, int(trial))
-        values.append(list(drawn.values()))
+    for group in trials[:, None] if campaign.dispersion else [trials]:
+        values += [list(picked(campaign, int(trial)).values()) for trial in group]
         try:
-            own = alone(campaign, scenario, int(trial))
+            shards = _simulate(alone(campaign, scenario, int(group[0])), group)
         except BadInput as impossible:
-            failures[int(trial)] = str(impossible)
+            failures[int(group[0])] = str(impossible)
             continue
-        shard = simulate(own, np.array([trial]), nobody)
-        if shard.failure:
-            failures[int(trial)] = shard.failure
-        for metric in shard.metrics:
-            if any(fnmatch(metric.metric, pattern) for pattern in campaign.metrics):
-                found.setdefault(metric[:4], {})[int(trial)] = float(metric.values[0])
+        for shard in shards:
+            if shard.failure:
+                failures[int(shard.trials[0])] = shard.failure
+            for metric in shard.metrics:
+                if campaign.keeps(metric.metric, metric.phase):
+                    found.setdefault(metric[:4], {}).update(zip(shard.trials.tolist(), metric.values.tolist(), strict=True))
     alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
     metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
     drawn_values = np.array(values).reshape(len(trials), -1)
     rows = _tidy(job.point, campaign, trials, drawn_values, np.zeros(len(trials), dtype=np.int64), alive, metrics, failures)
     return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
+
+
+def _simulate(scenario: Settings, trials: NDArray[np.int64]) -> list[Shard]:
+    """Trials of a scenario of any kind; if one of them fails, each again by itself."""
+    nobody, family = np.zeros(0, dtype=np.int64), families.of(scenario)
+    if family is None:
+        assert isinstance(scenario, Scenario)
+        whole = simulate(scenario, trials, nobody)
+    else:
+        try:
+            whole = Shard(trials, family.simulate(scenario, trials, nobody, None)[0], {})
+        except SimulationFailed as failure:
+            whole = Shard(trials, [], {}, str(failure))
+    if whole.failure is None or len(trials) == 1:
+        return [whole]
+    return [shard for one in trials[:, None] for shard in _simulate(scenario, one)]
 
 
 METRIC_SCHEMA = pa.schema(

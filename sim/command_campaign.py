@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from sim import campaign as campaigns
-from sim import tables
+from sim import families, tables
 from sim.campaign import CAMPAIGNS, Campaign
 from sim.campaign_shard import Job, fly
 from sim.campaign_store import Store
@@ -61,7 +61,7 @@ def campaign(
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
     loaded = _load(file, trials, seed, shard)
     target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False)
-    scenarios = [loaded.at(point).model_dump_json(exclude_none=True) for point in range(len(loaded.points))]
+    scenarios = [json.dumps(families.dumped(loaded.at(point))) for point in range(len(loaded.points))]
     jobs = _jobs(loaded, scenarios)
     store = Store(target, loaded, scenarios)
     store.open(resume)
@@ -116,11 +116,12 @@ def _fly(todo: list[Job], store: Store, engine_name: str, workers: int, schedule
 
 def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> None:
     """Merge, summarise, draw and print."""
-    from sim import campaign_distributions  # Matplotlib takes half a second to import
+    from sim import campaign_distributions, campaign_sweep  # Matplotlib takes half a second to import
     from sim.campaign_report import write_report
     from sim.rerun_campaign import write_bands
 
     merged, together = store.merge(jobs), campaigns.batched(loaded.at(0))
+    sweep = not together and campaign_sweep.abscissa(loaded) is not None
     rows, points = [], []
     for point, settings in enumerate(loaded.points):
         own = [job for job in jobs if job.point == point]
@@ -129,13 +130,15 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         bands = store.add_up(own, ".bands", ["quantity", "observer", "tick", "bin"], ["count"])
         consistency = ensemble_consistency(store.add_up(own, ".consistency", ["statistic", "observer", "tick"], ["total", "count"]))
         points.append(_point(point, settings, found, consistency))
-        if not together:
+        if not together and not sweep:
             out.print(campaign_distributions.table(found, points[-1]["failed_trials"], loaded.trials))
         if point == 0 and together:
             write_report(store.folder / "report.png", loaded, found, points[0])
             write_bands(store.folder / "recording.rrd", loaded, bands, loaded.at(0).run.tick_s)
-        elif point == 0:
+        elif point == 0 and not sweep:
             campaign_distributions.write_report(store.folder / "report.png", loaded, found)
+    if sweep:
+        _say_sweep(loaded, rows, points, store.folder)
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
     content = {
         "campaign": loaded.title,
@@ -155,6 +158,18 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
     out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB\nReport     {store.folder / 'report.png'}")
     if together:
         out.print(f"Recording  {store.folder / 'recording.rrd'}\nOpen it    {how_to_open(store.folder / 'recording.rrd')}")
+
+
+def _say_sweep(loaded: Campaign, rows: list[dict[str, Any]], points: list[dict[str, Any]], folder: Path) -> None:
+    """Picture and tables of a grid, and which trials failed."""
+    from sim import campaign_sweep
+
+    campaign_sweep.write_report(folder / "report.png", loaded, rows)
+    for table in campaign_sweep.tables(loaded, rows):
+        out.print(table)
+    for point in points:
+        if point["failed_trials"]:
+            out.print(f"failed at {point['settings']}: trials {', '.join(map(str, point['failed_trials']))}")
 
 
 def _point(point: int, settings: dict[str, object], found: list[Distribution], consistency: list[dict[str, object]]) -> dict[str, Any]:

@@ -70,9 +70,18 @@ def run(
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
-    loaded = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
+    base = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
+    if source and only_trial is not None and (family := families.of(base)) is not None:
+        changes = source.changes(point) | campaigns.picked(source, only_trial)
+        asked = command_family.Asked(source.scenario, changes, folder, workers, only_trial, record_trials, overwrite)
+        command_family.run(family, asked)
+        return
+    assert isinstance(base, Scenario)
+    loaded = base
     if source and only_trial is not None and not campaigns.batched(loaded):
-        loaded, source = campaigns.alone(source, loaded, only_trial), None
+        own, source = campaigns.alone(source, loaded, only_trial), None
+        assert isinstance(own, Scenario)
+        loaded = own
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")

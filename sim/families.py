@@ -17,7 +17,7 @@ from sim import scenario as scenarios
 from sim.complaints import first_complaint
 from sim.metrics import Metric
 from sim.results import Row
-from sim.scenario import BadInput, RunSettings, override
+from sim.scenario import BadInput, RunSettings, Scenario, override
 
 # plant.type in a file: module with an object FAMILY; loaded when such a file is
 MODULES = {"formation": "sim.formation_family", "formation-nacs": "sim.formation_family", "agents": "sim.consensus_family"}
@@ -81,21 +81,29 @@ class Family(Protocol):
 def family_of(name: str) -> Family | None:
     """The family of a scenario by name or path; None if it is of one body, or cannot be read."""
     try:
-        kind = _read(scenarios.find(name)).get("plant", {}).get("type")
+        return _of(_read(scenarios.find(name)))
     except (AttributeError, tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
         return None  # the complaint is made by whoever reads it next
-    if not isinstance(kind, str) or kind not in MODULES:
-        return None
-    family: Family = import_module(MODULES[kind]).FAMILY
-    return family
+
+
+def of(scenario: Settings) -> Family | None:
+    """The family of a checked scenario; None if it is of one body."""
+    return None if isinstance(scenario, Scenario) else _of(dumped(scenario))
 
 
 def load(name: str, overrides: dict[str, Any]) -> Settings:
     """Read and check a scenario of any kind; raises BadInput."""
-    family = family_of(name)
-    if family is None:
+    if family_of(name) is None:
         return scenarios.load(name, overrides)
-    label, data = name if name.endswith(".toml") else f"{name}.toml", _read(scenarios.find(name))
+    label = name if name.endswith(".toml") else f"{name}.toml"
+    return check(_read(scenarios.find(name)), label, overrides)
+
+
+def check(data: dict[str, Any], label: str, overrides: dict[str, Any]) -> Settings:
+    """Check what a file or `dumped` says, with some keys changed; raises BadInput, which begins with the label."""
+    family = _of(data)
+    if family is None:
+        return scenarios.check(data, label, overrides)
     for key, value in overrides.items():
         override(data, key, value)
     try:
@@ -104,6 +112,21 @@ def load(name: str, overrides: dict[str, Any]) -> Settings:
         raise BadInput(f"{label}: {first_complaint(invalid, data, family.settings)}") from None
     settings: Settings = checked
     return settings
+
+
+def dumped(scenario: Settings) -> dict[str, Any]:
+    """All settings of a checked scenario as its file would say them."""
+    model: Any = scenario
+    said: dict[str, Any] = model.model_dump(mode="json", exclude_none=True, by_alias=True)
+    return said
+
+
+def _of(data: dict[str, Any]) -> Family | None:
+    kind = data.get("plant", {}).get("type")
+    if not isinstance(kind, str) or kind not in MODULES:
+        return None
+    family: Family = import_module(MODULES[kind]).FAMILY
+    return family
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -1,0 +1,115 @@
+"""A campaign over a grid: every metric against the settings that are tried, as a table and as curves with their spread."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from sim.campaign import Campaign
+from sim.palette import LOOP_VARIANTS
+from sim.report import STYLE
+from sim.table_style import number, plain_table
+
+COLUMNS = 3
+DASHES = ("-", "--", ":", "-.")
+SUBJECTS = 3  # side by side in a table of 80 columns
+
+Row = dict[str, Any]
+
+
+def abscissa(campaign: Campaign) -> str | None:
+    """The key of the grid whose values curves run along: of those with numbers the one with most; None if there is none."""
+    numeric = [k for k, values in campaign.grid.items() if len(values) > 1 and all(isinstance(v, int | float) for v in values)]
+    return max(numeric, key=lambda key: len(campaign.grid[key]), default=None)
+
+
+def tables(campaign: Campaign, rows: list[Row]) -> Iterator[Table]:
+    """Median and 5 to 95 % over the trials of every metric, point by point."""
+    for (metric, phase, unit), some in _by_metric(rows):
+        subjects = list(dict.fromkeys(row["subject"] for row in some))
+        found = {(row["point"], row["subject"]): row for row in some}
+        for first in range(0, len(subjects), SUBJECTS):
+            table = plain_table(
+                f"{metric}{'' if phase == 'all' else f', {phase}'} [{unit}]".replace("[", r"\["),
+                f"median (5 .. 95 %) of {campaign.trials} trials, or of n",
+            )
+            for key in campaign.grid:
+                table.add_column(key.rpartition(".")[2], justify="right", overflow="fold")
+            for subject in subjects[first : first + SUBJECTS]:
+                table.add_column(subject, justify="right", no_wrap=True)
+            for point, settings in enumerate(campaign.points):
+                cells = [_spread(found.get((point, subject)), campaign.trials) for subject in subjects[first : first + SUBJECTS]]
+                table.add_row(*(str(value) for value in settings.values()), *cells)
+            yield table
+
+
+def write_report(path: Path, campaign: Campaign, rows: list[Row]) -> None:
+    """Draw every metric against the grid's longest numeric key: a colour a subject, a dash for each combination of the other keys."""
+    key = abscissa(campaign)
+    assert key is not None
+    panels = list(_by_metric(rows))
+    height = max(1, -(-len(panels) // COLUMNS))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(13.0, 1.0 + 3.2 * height), dpi=160, layout="constrained")
+        grid = figure.subplots(height, min(COLUMNS, max(1, len(panels))), squeeze=False)
+        for axes in grid.flat[len(panels) :]:
+            axes.set_axis_off()
+        for axes, ((metric, phase, unit), some) in zip(grid.flat, panels, strict=False):
+            _curves(axes, campaign, key, some)
+            axes.set(title=metric + ("" if phase == "all" else f", {phase}"), xlabel=key, ylabel=f"[{unit}]")
+        figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.text(
+            0.01,
+            1.0 - 0.43 / figure.get_figheight(),
+            f"{campaign.scenario}, {campaign.trials} trials a point | lines: median, shaded: 5 to 95 %",
+            fontsize=8,
+            color="#5a6270",
+        )
+        figure.savefig(path)
+
+
+def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row]]]:
+    """Measured rows, metric by metric and phase by phase."""
+
+    def key(row: Row) -> tuple[str, str, str]:
+        return row["metric"], row["phase"], row["unit"]
+
+    measured = [row for row in rows if row["metric"] != "failed"]
+    for what, some in groupby(sorted(measured, key=key), key=key):
+        yield what, list(some)
+
+
+def _curves(axes: Axes, campaign: Campaign, key: str, some: list[Row]) -> None:
+    others = [{k: v for k, v in point.items() if k != key} for point in campaign.points]
+    combinations = list({str(other): other for other in others}.values())
+    least = np.inf
+    for i, subject in enumerate(dict.fromkeys(row["subject"] for row in some)):
+        colour = LOOP_VARIANTS[i % len(LOOP_VARIANTS)][0]
+        for j, combination in enumerate(combinations):
+            here = [row for row in some if row["subject"] == subject and others[row["point"]] == combination]
+            if not here:
+                continue
+            here.sort(key=lambda row: campaign.points[row["point"]][key])
+            x = [campaign.points[row["point"]][key] for row in here]
+            said = ", ".join([subject, *(f"{k.rpartition('.')[2]} {v}" for k, v in combination.items())])
+            axes.plot(x, [row["q50"] for row in here], color=colour, ls=DASHES[j % len(DASHES)], marker="o", ms=2.5, label=said)
+            axes.fill_between(x, [row["q05"] for row in here], [row["q95"] for row in here], color=colour, alpha=0.15, lw=0)
+            least = min(least, *(row["q05"] for row in here))
+    if least > 0 and max(row["q95"] for row in some) > 20 * least:
+        axes.set_yscale("log")
+    axes.legend(fontsize=6)
+
+
+def _spread(row: Row | None, trials: int) -> str:
+    if row is None:
+        return number(None)
+    few = "" if row["n"] == trials else f" n={row['n']}"
+    return f"{number(row['q50'])} ({number(row['q05'])} .. {number(row['q95'])}){few}"
