@@ -20,6 +20,7 @@ from sim.table_style import number, plain_table
 
 COLUMNS = 3
 DASHES = ("-", "--", ":", "-.")
+UNEVEN = 20.0  # the widest gap between neighbouring values over the narrowest
 SUBJECTS = 3  # side by side in a table of 80 columns
 
 Row = dict[str, Any]
@@ -90,22 +91,29 @@ def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row
 def _curves(axes: Axes, campaign: Campaign, key: str, some: list[Row]) -> None:
     others = [{k: v for k, v in point.items() if k != key} for point in campaign.points]
     combinations = list({str(other): other for other in others}.values())
-    least = np.inf
+    x, labels = _places(sorted(campaign.grid[key]))
     for i, subject in enumerate(dict.fromkeys(row["subject"] for row in some)):
         colour = LOOP_VARIANTS[i % len(LOOP_VARIANTS)][0]
         for j, combination in enumerate(combinations):
-            here = [row for row in some if row["subject"] == subject and others[row["point"]] == combination]
-            if not here:
-                continue
-            here.sort(key=lambda row: campaign.points[row["point"]][key])
-            x = [campaign.points[row["point"]][key] for row in here]
+            here = {campaign.points[r["point"]][key]: r for r in some if r["subject"] == subject and others[r["point"]] == combination}
+            low, middle, high = (np.array([here.get(value, {}).get(q, np.nan) for value in x]) for q in ("q05", "q50", "q95"))
             said = ", ".join([subject, *(f"{k.rpartition('.')[2]} {v}" for k, v in combination.items())])
-            axes.plot(x, [row["q50"] for row in here], color=colour, ls=DASHES[j % len(DASHES)], marker="o", ms=2.5, label=said)
-            axes.fill_between(x, [row["q05"] for row in here], [row["q95"] for row in here], color=colour, alpha=0.15, lw=0)
-            least = min(least, *(row["q05"] for row in here))
-    if least > 0 and max(row["q95"] for row in some) > 20 * least:
+            axes.plot(list(x.values()), middle, color=colour, ls=DASHES[j % len(DASHES)], marker="o", ms=2.5, label=said)
+            axes.fill_between(list(x.values()), low, high, color=colour, alpha=0.15, lw=0)
+    if labels:
+        axes.set_xticks(list(x.values()), labels, rotation=45, fontsize=7)
+    least, greatest = min(row["q05"] for row in some), max(row["q95"] for row in some)
+    if 0 < 20 * least < greatest:
         axes.set_yscale("log")
     axes.legend(fontsize=6)
+
+
+def _places(values: list[float]) -> tuple[dict[float, float], list[str]]:
+    """Where each value is drawn; if they crowd together at one end side by side, and labelled."""
+    gaps = np.diff(values)
+    if gaps.max() <= UNEVEN * gaps.min():
+        return {value: float(value) for value in values}, []
+    return {value: float(place) for place, value in enumerate(values)}, [f"{value:g}" for value in values]
 
 
 def _spread(row: Row | None, trials: int) -> str:

@@ -24,6 +24,7 @@ from sim.series import RPM, Curve, innovation_size
 
 Array = NDArray[np.floating]
 
+LEAST = 1e-9  # deg or deg/s that is shown where errors are by decades
 GAIN_UNITS = {"proportional_nm": "N m", "derivative_nms": "N m s", "slope_rad_s": "rad/s", "reaching_rad_s2": "rad/s2"}
 GAIN_NAMES = {"proportional_nm": "K_p", "derivative_nms": "K_d", "slope_rad_s": "lambda", "reaching_rad_s2": "K"}
 
@@ -147,6 +148,11 @@ def window(several: tuple[Flight, ...]) -> int:
     return max(1, max(flight.recording.ticks for flight in several) // 100)
 
 
+def with_particles(several: tuple[Flight, ...]) -> tuple[Flight, ...]:
+    """Loops that are closed by a particle filter."""
+    return tuple(flight for flight in several if f"{flight.closing}/ess" in flight.recording.channels)
+
+
 def torque_unit(several: tuple[Flight, ...]) -> tuple[float, str]:
     """What a torque in N m is multiplied with, and the unit it then has: of a spacecraft, or of a testbed."""
     most = max(float(np.nanmax(np.abs(flight.channel("torque_B")))) for flight in several)
@@ -175,13 +181,20 @@ def curves(several: tuple[Flight, ...], restarts: list[int], smooth: int) -> Ite
     for flight in several:
         speed = RPM * flight.channel("truth/state")[:, 7:]
         numbers = range(speed.shape[1])
-        yield Curve(f"wheels/speed/{flight.name}", tuple(f"RW{i + 1} [rpm]" for i in numbers), tuple(map(wheel, numbers)), speed, 1.2)
+        if numbers:
+            yield Curve(f"wheels/speed/{flight.name}", tuple(f"RW{i + 1} [rpm]" for i in numbers), tuple(map(wheel, numbers)), speed, 1.2)
         if (probabilities := flight.probabilities) is not None and probabilities.shape[1] > 2:
             shades = tuple(REFERENCE if number is None else wheel(number) for number in flight.wheels_of_modes)
             yield Curve(f"modes/each/{flight.name}", tuple(f"{mode} [-]" for mode in flight.modes), shades, probabilities, 1.2)
     closed = [f for f in several if f.closing]
     yield from _among("estimation/attitude", "deg", {f: f.error_of_estimate()[:, 0] for f in closed})
     yield from _among("estimation/rate", "deg/s", {f: f.error_of_estimate()[:, 1] for f in closed})
+    for i, what in enumerate(("attitude", "rate")):
+        decades = {f: np.log10(moving_rms(f.error_of_estimate()[:, i], smooth).clip(LEAST)) for f in closed}
+        yield from _among(f"estimation/decades_of_{what}", "log10", decades)
+    yield from _among(
+        "estimation/ess", "particles", {f: moving_mean(f.channel(f"{f.closing}/ess"), smooth) for f in with_particles(several)}
+    )
     yield from _among("estimation/nis", "-", {f: f.channel(f"{f.closing}/nis") for f in closed}, dots=True)
     for dof in sorted({innovation_size(f.recording, f.closing) for f in closed if f.closing}):
         names = tuple(f"{share} % of chi-square, {dof} dof [-]" for share in ("2.5", "97.5"))

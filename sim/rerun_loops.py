@@ -20,7 +20,7 @@ from sim.antenna_series import (
     is_antenna,
 )
 from sim.learned_series import learned_curves, learners
-from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, events, flights, lanes, torque_unit, window
+from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, events, flights, lanes, torque_unit, window, with_particles
 from sim.palette import ALERT, CALM, HEALTHY, REFERENCE
 from sim.plants import compile_plant
 from sim.recording import Recording
@@ -103,11 +103,13 @@ def layout(trial: Trial) -> LoopsLayout:
         laws={law: titles[law] for law in laws},
         torque=torque_unit(trial.several)[1],
         modal={flight.name: len(flight.modes) for flight in trial.several if flight.probabilities is not None},
+        wheeled=bool(trial.stage.assembly.wheel_joints),
+        particles=bool(with_particles(trial.several)),
         learners=tuple(flight.name for flight in learners(trial.several)),
         ranges=_ranges(trial),
         trails=tuple(f"{path_of(flight.name)}/trail" for flight in trial.several),
         trail_s=TRAIL_SHARE * trial.duration,
-        about=f"{trial.stage}, poses every {trial.stage.stride * trial.dt:g} s",
+        about="; ".join(filter(None, [str(trial.stage), f"poses every {trial.stage.stride * trial.dt:g} s"])),
         eye=camera(trial.stage),
     )
 

@@ -22,6 +22,8 @@ class LoopsLayout(Page):
       laws: titles of the control laws, by type.
       torque: its unit.
       modal: loops whose observer has modes, and how many.
+      wheeled: whether there are reaction wheels.
+      particles: whether a particle filter closes a loop.
       learners: loops whose observer learns a torque.
       ranges: of axes on which the start would hide all else, by entity.
       trails: entities of the pointers' trails.
@@ -36,6 +38,8 @@ class LoopsLayout(Page):
     laws: dict[str, str]
     torque: str
     modal: dict[str, int]
+    wheeled: bool
+    particles: bool
     learners: tuple[str, ...]
     ranges: dict[str, tuple[float, float]]
     trails: tuple[str, ...]
@@ -52,13 +56,14 @@ class LoopsLayout(Page):
         """All tabs, each of views of its own: Rerun allows a view one parent only."""
         modes = [self._modes()] if self.modal else []
         learned = [self._learned()] if self.learners else []
+        wheels = [self._wheels()] if self.wheeled else []
         return [
             self._overview(),
             self._tracking(),
             *modes,
             self._control(),
             self._torque(),
-            self._wheels(),
+            *wheels,
             self._estimation(),
             *learned,
             self._run(),
@@ -109,12 +114,26 @@ class LoopsLayout(Page):
 
     def _estimation(self) -> Any:
         nis = "NIS of the observer that closes the loop [-], 95 % band"
+        ess = [self._among("Effective number of particles, moving mean", "estimation/ess", legend=False)] if self.particles else []
         return rrb.Vertical(
-            self._among("Attitude error of the estimate that closes the loop [deg]", "estimation/attitude"),
-            self._among("Rate error of the estimate that closes the loop, length [deg/s]", "estimation/rate", legend=False),
+            *(self._errors() if self.wheeled else self._decades()),
+            *ess,
             self._plot(nis, "estimation/nis", "estimation/nis_band/**", high=50.0, legend=False),
             name="Estimation",
         )
+
+    def _errors(self) -> list[Any]:
+        return [
+            self._among("Attitude error of the estimate that closes the loop [deg]", "estimation/attitude"),
+            self._among("Rate error of the estimate that closes the loop, length [deg/s]", "estimation/rate", legend=False),
+        ]
+
+    def _decades(self) -> list[Any]:
+        """Without a gyro errors span decades: from a first guess of a rate to what is left of it."""
+        return [
+            self._plot("Attitude error of the estimate, moving RMS [log10 of deg]", "estimation/decades_of_attitude"),
+            self._plot("Rate error of the estimate, moving RMS [log10 of deg/s]", "estimation/decades_of_rate", legend=False),
+        ]
 
     def _learned(self) -> Any:
         torques = [self._plot(f"Unmodelled torque about {axis}, learned and applied [mN m]", f"learned/torque_{axis}") for axis in "xyz"]

@@ -76,7 +76,8 @@ class Stage(NamedTuple):
         magnified = [
             f"{what} x {factor:g}" for what, factor in (("attitude", self.outlook.turns), ("panels", self.outlook.bends)) if factor > 1.0
         ]
-        return "; ".join([*magnified, f"wheel arrows: {scale}"])
+        arrows = [f"wheel arrows: {scale}"] if self.assembly.wheel_joints else []
+        return "; ".join([*magnified, *arrows])
 
     def turned(self, q: Array) -> Array:
         """Attitudes (..., 4) as they are drawn."""
