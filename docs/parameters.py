@@ -9,7 +9,7 @@ import numpy as np
 
 from models import formation, monolithic
 from models.agents import AgentsParameters
-from models.flexible import FLEXIBLE_SETS, FlexibleParameters
+from models.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
 from models.formation import FormationParameters
 from models.formation_nacs import FormationNacsParameters
 from models.freeflyer import FreeflyerParameters

@@ -13,7 +13,7 @@ from control.falsification import DAMPING_PARABOLA, energy, values
 from control.unfalsified import UnfalsifiedController
 from models import quaternion
 from models.assembly import Assembly
-from models.flexible import FlexibleParameters
+from models.flexible_parameters import FlexibleParameters
 from sim.antenna_study import CHANNELS
 from sim.control_settings import UnfalsifiedSettings
 from sim.fixed_gain_loop import FixedGainLoop

@@ -16,7 +16,7 @@ from models.nacs import BALANCE_MASSES, NacsParameters
 from models.unmodelled_torque import UnmodelledTorque
 from models.wheel_faults import WheelFault
 from sim import randomness
-from sim.faults import schedule
+from sim.fault_schedule import schedule
 from sim.guests import Guests
 from sim.learning_settings import Learning, compensates
 from sim.loop import System

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import sys
+from typing import Any
 
 import typer
 from rich.table import Table
 
 from sim import families
-from sim import scenario as scenarios
 from sim.command_campaign import campaign
 from sim.command_crosscheck import crosscheck
+from sim.command_family import changes_of
+from sim.command_list import list_scenarios
 from sim.command_replay import replay
 from sim.command_run import run
+from sim.command_view import view
 from sim.scenario import BadInput
-from sim.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, Seed, err, load, out
+from sim.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, err, out
 
 app = typer.Typer(
     help="Digital twin of the NACS, an air-bearing CubeSat testbed with four reaction wheels.",
@@ -27,18 +29,7 @@ app.command("run")(run)
 app.command("replay")(replay)
 app.command("crosscheck")(crosscheck)
 app.command("campaign")(campaign)
-
-
-@app.command("list")
-def list_scenarios() -> None:
-    """Show the scenarios that come with the twin."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("name", no_wrap=True, style="bold")
-    table.add_column("what it shows, and where it comes from")
-    for name in scenarios.names():
-        found = families.load(name, {})
-        table.add_row(name, f"{found.title} [dim]({found.source})[/]")
-    out.print(table)
+app.command("list")(list_scenarios)
 
 
 @app.command("parameters")
@@ -47,7 +38,7 @@ def show_parameters(
     overrides: Overrides = None,
 ) -> None:
     """Show every parameter of a scenario's plant: value, unit and where it comes from."""
-    loaded = load(scenario, None, None, overrides)
+    loaded: Any = families.load(scenario, changes_of(overrides, None, None))
     table = Table(box=None, pad_edge=False)
     table.add_column("parameter", no_wrap=True, style="bold")
     table.add_column("value", overflow="fold")
@@ -57,15 +48,7 @@ def show_parameters(
     out.print(table)
 
 
-@app.command("view")
-def view_scenario(name: Name, seed: Seed = None, overrides: Overrides = None) -> None:
-    """Fly the first trial of a scenario in MuJoCo's own viewer, in real time."""
-    loaded = load(name, 1, seed, overrides)
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise BadInput("nacs view needs a display and found none; `nacs run` writes a recording that can be opened elsewhere")
-    from sim.viewer import fly  # the viewer opens windows when imported
-
-    fly(loaded)
+app.command("view")(view)
 
 
 def main() -> None:

@@ -17,8 +17,9 @@ from models import quaternion
 from models.process import ProcessModel
 from sim.faults import DropOut
 from sim.guest_file import UserClass
+from sim.named_sections import RESERVED
 from sim.observers import Bank, Models
-from sim.scenario import RESERVED, BadInput, Scenario
+from sim.scenario import BadInput, Scenario
 from sim.sensors import SensorSettings
 
 Array = NDArray[np.floating]

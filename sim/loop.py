@@ -13,7 +13,7 @@ from control.tracking import Controller, Estimate, Memoryless, RememberingContro
 from estimation.gaussian import Belief, LostDefiniteness
 from models.quaternion import IDENTITY
 from models.unmodelled_torque import UnmodelledTorque
-from sim.faults import FaultSchedule
+from sim.fault_schedule import FaultSchedule
 from sim.observers import Bank
 from sim.plant import Plant, SimulationFailed
 from sim.recording import Recorder, Recording

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from models.assembly import Assembly, Prepared
-from models.flexible import FlexibleParameters, compile_flexible, prepare_flexible
+from models.flexible import compile_flexible, prepare_flexible
+from models.flexible_parameters import FlexibleParameters
 from models.freeflyer import FreeflyerParameters, compile_freeflyer, prepare_freeflyer
 from models.inertia import why_impossible
 from models.monolithic import MonolithicParameters, compile_monolithic, prepare_monolithic
@@ -29,7 +30,7 @@ class FreeflyerPlant(FreeflyerParameters):
 
 
 class FlexiblePlant(FlexibleParameters):
-    """A spacecraft with two sprung panels; every parameter of models/flexible.py is a key."""
+    """A spacecraft with two sprung panels; every parameter of models/flexible_parameters.py is a key."""
 
     type: Literal["flexible"]
 

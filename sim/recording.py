@@ -11,7 +11,7 @@ from control.tracking import Target
 from estimation.consistency import normalized_squared
 from estimation.gaussian import Belief
 from estimation.state_space import Multiplicative
-from sim.faults import Occurrence
+from sim.fault_schedule import Occurrence
 from sim.observers import Bank
 
 Array = NDArray[np.floating]

@@ -13,7 +13,7 @@ from control.tracking import Target
 from estimation.consistency import average_test, whiteness
 from estimation.gaussian import Belief, LostDefiniteness
 from sim import scenario as scenarios
-from sim.faults import Occurrence
+from sim.fault_schedule import Occurrence
 from sim.flight_log import STATES, WHEELS, FlightLog
 from sim.guests import Guests
 from sim.learning_settings import Learning

@@ -21,7 +21,7 @@ from sim.loop_series import torque_unit
 from sim.palette import WHEEL_COLORS
 from sim.recording import Recording
 from sim.report import STYLE
-from sim.report_loops import FAULT, QUIET
+from sim.report_axes import FAULT, QUIET
 from sim.scenario import Scenario
 
 Array = NDArray[np.floating]

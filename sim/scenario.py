@@ -10,24 +10,19 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from models.assembly import ImpossibleInertia
+from sim.catalogue import SCENARIOS, scenario_names
 from sim.closed_loop_identification import IdentificationSettings
 from sim.complaints import first_complaint
-from sim.control_settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
-from sim.faults import Fault, earliest_start, latest_end
+from sim.control_settings import ControlSettings
+from sim.faults import Fault, complain_of_faults
 from sim.learning_settings import complain_of_learning
-from sim.observer_settings import Imm, ObserverSettings
+from sim.loop_settings import Loops, complain_of_laws, complain_of_loops, laws_by_place
+from sim.named_sections import Observers, Windows
+from sim.observer_settings import Imm
 from sim.plants import NacsPlant, PlantSettings, complain_of_masses
 from sim.references import ReferenceSettings
 from sim.sensors import SENSOR_SETS, SensorSettings
-from sim.tunings import TUNINGS, Tuning
-
-SCENARIOS = Path(__file__).with_name("scenarios")
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-
-PHASES = ("all", "nominal", "fault", "recovery")
-RESERVED = ("loop", "truth", "measurement", "reference")
+from sim.tunings import NonNegative, Positive, Tuning
 
 
 class BadInput(ValueError):
@@ -69,14 +64,6 @@ class StartSettings(_Section):
         return self
 
 
-class LoopSettings(_Section):
-    """One of several closed loops that are flown on the same trials."""
-
-    control: ControlSettings
-    watching: tuple[str, ...] = Field((), description="further observers, which do not close the loop")
-    faults: bool = Field(True, description="whether the scenario's faults happen in it")
-
-
 class Published(_Section):
     """What the paper prints, to be shown beside the twin's numbers."""
 
@@ -95,11 +82,11 @@ class Scenario(_Section):
     sensors: SensorSettings = SensorSettings()
     reference: ReferenceSettings
     control: ControlSettings | None = Field(None, description="the law of the only loop")
-    loops: dict[str, LoopSettings] = Field({}, description="or several closed loops on the same trials, by name")
+    loops: Loops = Field({}, description="or several closed loops on the same trials, by name")
     tuning: str | Tuning = Field("consistent", description="of all observers that do not have their own")
-    observers: dict[str, ObserverSettings]
+    observers: Observers
     faults: tuple[Fault, ...] = ()
-    phases: dict[str, tuple[NonNegative, Positive]] = Field({}, description="windows of time with metrics of their own: [start, end] in s")
+    phases: Windows = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     phase_metrics: Literal["estimates", "all"] = Field("estimates", description="of those windows: of body and estimate, or every metric")
     identification: IdentificationSettings | None = Field(None, description="of what the controllers of two loops truly make of the plant")
     published: Published | None = None
@@ -125,92 +112,26 @@ class Scenario(_Section):
         observers = {name: {"tuning": tuning} | o if isinstance(o, dict) else o for name, o in data["observers"].items()}
         return data | {"observers": observers}
 
-    @field_validator("observers")
-    @classmethod
-    def _named_tunings(cls, observers: dict[str, ObserverSettings]) -> dict[str, ObserverSettings]:
-        for name, settings in observers.items():
-            if isinstance(settings.tuning, str) and settings.tuning not in TUNINGS:
-                raise ValueError(f"{name}.tuning: no set {settings.tuning!r}; there are {', '.join(TUNINGS)}")
-            if "/" in name or name in RESERVED:
-                raise ValueError(f"{name!r} cannot be an observer's name")
-        return observers
-
-    @field_validator("phases")
-    @classmethod
-    def _windows(cls, phases: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        for name, (start, end) in phases.items():
-            if name in PHASES:
-                raise ValueError(f"{name!r} cannot be a phase of the scenario's own")
-            if not start < end:
-                raise ValueError(f"{name} = [{start:g}, {end:g}]: needs start < end")
-        return phases
-
-    @field_validator("loops")
-    @classmethod
-    def _named_loops(cls, loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
-        for name in loops:
-            if "/" in name or name in RESERVED:
-                raise ValueError(f"{name!r} cannot be a loop's name")
-        return loops
-
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         duration, wheels = self.run.ticks * self.run.tick_s, self.plant.wheel_axes.shape[1]
         for name, settings in self.observers.items():
             settings.complain(f"observers.{name}", wheels)
-        self._complain_of_loops([*self.observers, *(info.context or {}).get("guests", ()), "truth", "measurement"])
+        laws = laws_by_place(self.control, self.loops)
+        complain_of_laws(laws, self.observers, (info.context or {}).get("guests", ()))
+        complain_of_loops(self.loops, self.observers, self.identification)
         steps = self.run.tick_s / self.plant.step_s
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
             raise ValueError(
                 f"run.tick_s: {self.run.tick_s:g} s is not a whole number of physics steps (plant.step_s = {self.plant.step_s:g} s)"
             )
-        for number, fault in enumerate(self.faults):
-            where = f"faults.{number} ({fault.kind})"
-            if earliest_start(fault) < 0 or latest_end(fault) > duration + 1e-9:
-                raise ValueError(
-                    f"{where}: lasts from {earliest_start(fault):g} to {latest_end(fault):g} s, the run from 0 to {duration:g} s"
-                )
-            if not wheels and hasattr(fault, "wheel"):
-                raise ValueError(f"{where}: the plant has no wheels")
-            if wheels and fault.kind == "body-torque":
-                raise ValueError(f"{where}: the plant is turned by its wheels; constant-output is the fault of a wheel")
-            wheel = getattr(fault, "wheel", "all")
-            if isinstance(wheel, int) and wheel > wheels:
-                raise ValueError(f"{where}: there is no wheel {wheel}; wheels are 1 to {wheels} or 'all'")
-        complain_of_learning(self.observers, self._laws, self.plant, [fault.kind for fault in self.faults])
+        complain_of_faults(self.faults, duration, wheels)
+        complain_of_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:
             complain_of_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
         return self
-
-    def _complain_of_loops(self, sources: list[str]) -> None:
-        """Raise ValueError if a loop is closed on nothing, or has gains for other modes than its observer's."""
-        if (self.control is None) == (not self.loops):
-            raise ValueError("control: give either [control] for one closed loop or [loops.NAME.control] for several")
-        for where, loop in self._laws.items():
-            if loop.feedback not in sources:
-                raise ValueError(f"{where}.feedback: no observer {loop.feedback!r}; there are {', '.join(sources)}")
-            observer = self.observers.get(loop.feedback)
-            modes = len(observer.modes) if isinstance(observer, Imm) else 1
-            for key, gains in loop.gains.items():
-                if isinstance(gains, tuple) and len(gains) != modes:
-                    raise ValueError(f"{where}.{key}: {len(gains)} gains for the {modes} modes of {loop.feedback}; give one a mode, or one")
-            if isinstance(loop.allocation, ModeWeightedSettings) and not isinstance(observer, Imm):
-                raise ValueError(f"{where}.allocation: mode-weighted needs the mode probabilities of an observer of type imm as feedback")
-        if self.identification is not None:
-            for key, name in (("adaptive", self.identification.adaptive), ("nominal", self.identification.nominal)):
-                if name not in self.loops or not isinstance(self.loops[name].control, UnfalsifiedSettings):
-                    raise ValueError(f"identification.{key}: no loop {name!r} with a control of type unfalsified")
-        for name, settings in self.loops.items():
-            if absent := [watching for watching in settings.watching if watching not in self.observers]:
-                raise ValueError(f"loops.{name}.watching: no observer {absent[0]!r}; there are {', '.join(self.observers)}")
-
-    @property
-    def _laws(self) -> dict[str, ControlSettings]:
-        """Settings of all laws, by their place in the file."""
-        several = {f"loops.{name}.control": loop.control for name, loop in self.loops.items()}
-        return several if self.control is None else {"control": self.control, **several}
 
     @property
     def law(self) -> ControlSettings:
@@ -251,11 +172,6 @@ class Scenario(_Section):
         }
 
 
-def names() -> list[str]:
-    """Names family/name of the scenarios that come with the twin."""
-    return sorted(str(path.relative_to(SCENARIOS).with_suffix("")) for path in SCENARIOS.glob("*/*.toml"))
-
-
 def find(name: str) -> Path:
     """File of a scenario by name or path; raises BadInput if there is none."""
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
@@ -263,7 +179,7 @@ def find(name: str) -> Path:
         return path
     if name.endswith(".toml"):
         raise BadInput(f"no scenario file {name}")
-    near = difflib.get_close_matches(name, names(), n=1)
+    near = difflib.get_close_matches(name, scenario_names(), n=1)
     hint = f"did you mean {near[0]}?" if near else "`nacs list` shows what there is"
     raise BadInput(f"no scenario {name!r}; {hint}")
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from models import quaternion
 from sim import randomness
-from sim.faults import FaultSchedule
+from sim.fault_schedule import FaultSchedule
 from sim.plant import Truth
 from sim.randomness import Stream
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from control.antenna_pointing import AXES
 from control.falsification import energy, values
 from models import quaternion
-from models.flexible import FlexibleParameters
+from models.flexible_parameters import FlexibleParameters
 from sim.build import build
 from sim.closed_loop_identification import Bounds, IdentificationSettings, Response, multisine
 from sim.loop import run

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from control.falsification import energy, values
 from models import quaternion
-from models.flexible import FlexibleParameters
+from models.flexible_parameters import FlexibleParameters
 from sim import antenna_tables
 from sim.antenna_series import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna
 from sim.fixed_gain_loop import FixedGainLoop

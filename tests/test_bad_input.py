@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.scenario import SCENARIOS
+from sim.catalogue import SCENARIOS
 
 SETTINGS = [
     ("plant.mas_kg=3", ["plant.mas_kg", "unknown key", "mass_kg"]),

@@ -14,15 +14,9 @@ from sim import shards
 from sim.build import build
 from sim.loop import run
 from sim.plant import Plant, SimulationFailed
-from sim.scenario import load, names
+from sim.scenario import load
 
 QUICK = ("--set", "run.ticks=30", "--set", "faults=[]")
-
-
-def test_list_shows_every_scenario(nacs) -> None:
-    result = nacs("list")
-    assert result.code == 0
-    assert all(name in result.out for name in names())
 
 
 def test_parameters_shows_values_with_provenance(nacs) -> None:
@@ -30,6 +24,12 @@ def test_parameters_shows_values_with_provenance(nacs) -> None:
     assert "mass_kg" in result.out
     assert "3.5" in result.out
     assert "hypothesis" in result.out
+
+
+def test_parameters_are_those_of_several_agents_too(nacs) -> None:
+    result = nacs("parameters", "consensus/fault-free", "--set", "plant.mass_kg=1.375")
+    assert result.code == 0, result.err
+    assert "1.375 kg" in result.out
 
 
 def test_run_says_how_to_open_the_recording(nacs, tmp_path) -> None:

@@ -9,7 +9,8 @@ from pydantic import ValidationError
 from scipy.linalg import eigh, expm
 
 from models.assembly import ImpossibleInertia
-from models.flexible import FLEXIBLE_SETS, MJCF, PANELS, WHEELS, FlexibleParameters, compile_flexible, prepare_flexible
+from models.flexible import MJCF, PANELS, WHEELS, compile_flexible, prepare_flexible
+from models.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
 from models.inertia import tensor
 from models.quaternion import IDENTITY, normalize
 from sim.plant import Plant, Truth, diagnose

@@ -17,6 +17,7 @@ from models.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, c
 from models.inertia import tensor, why_impossible
 from models.process import runge_kutta
 from models.quaternion import attitude_matrix
+from sim.catalogue import SCENARIOS
 from sim.formation_family import FAMILY
 from sim.formation_faults import schedule
 from sim.formation_loop import apart_squared, fly, formation_angle, push
@@ -27,7 +28,6 @@ from sim.formation_plant import FormationPlant
 from sim.formation_randomness import Blocks
 from sim.formation_settings import STARTS, FormationScenario, GraphSettings
 from sim.results import rows
-from sim.scenario import SCENARIOS
 
 FILES = sorted((SCENARIOS / "formation").glob("*.toml"))
 TRUTH = {"truth": {"feedback": "truth"}}

@@ -15,6 +15,7 @@ from models.nacs import WHEELS, NacsParameters, compile_nacs
 from models.process import runge_kutta
 from models.quaternion import attitude_matrix
 from sim import families
+from sim.catalogue import SCENARIOS
 from sim.formation_drives import Drives
 from sim.formation_family import FAMILY
 from sim.formation_faults import schedule
@@ -23,7 +24,7 @@ from sim.formation_plant import FormationPlant, compile_agents, formation_plant
 from sim.formation_settings import FormationScenario
 from sim.plant import Plant, Truth
 from sim.results import rows
-from sim.scenario import SCENARIOS, BadInput
+from sim.scenario import BadInput
 from sim.sensors import SENSOR_SETS
 
 FILE = SCENARIOS / "formation" / "nacs.toml"

@@ -5,7 +5,7 @@ import pytest
 
 from models.nacs import compile_nacs
 from models.quaternion import from_rotation_vector
-from sim.faults import Occurrence
+from sim.fault_schedule import Occurrence
 from sim.metrics import evaluate, phases
 from sim.recording import Recording
 

@@ -9,7 +9,7 @@ from models.quaternion import error, from_rotation_vector, inverse, multiply, to
 from sim import randomness
 from sim.build import build
 from sim.draws import Draw, Number
-from sim.faults import schedule
+from sim.fault_schedule import schedule
 from sim.loop import run
 from sim.plant import Truth, diagnose
 from sim.randomness import Stream

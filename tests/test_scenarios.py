@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from sim.build import build
+from sim.catalogue import scenario_names
 from sim.families import family_of
 from sim.loop import run
 from sim.metrics import evaluate
-from sim.scenario import load, names
+from sim.scenario import load
 
 HYBRIDS = ("nis-windowed", "nis-fading")
 
 
-@pytest.mark.parametrize("name", [name for name in names() if family_of(name) is None])
+@pytest.mark.parametrize("name", [name for name in scenario_names() if family_of(name) is None])
 def test_every_scenario_runs_and_leaves_its_four_files(nacs, tmp_path, name: str) -> None:
     scenario = load(name)
     faults, tick = scenario.faults, scenario.run.tick_s
