@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
 
-from sim import cli
+from sim import cli, terminal
 
 
 class Outcome(NamedTuple):
@@ -22,6 +23,8 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     monkeypatch.setenv("COLUMNS", "200")
 
     def call(*arguments: object) -> Outcome:
+        for console in (terminal.out, terminal.err):  # they may have been made where COLUMNS was another
+            monkeypatch.setattr(console, "width", int(os.environ["COLUMNS"]))
         monkeypatch.setattr(sys, "argv", ["nacs", *map(str, arguments)])
         code = 0
         try:
