@@ -17,7 +17,8 @@ from models.flexible_parameters import FlexibleParameters
 from sim.antenna_study import CHANNELS
 from sim.control_settings import UnfalsifiedSettings
 from sim.fixed_gain_loop import FixedGainLoop
-from sim.loop_series import Flight, changes, flights, torque_unit
+from sim.loop_events import changes
+from sim.loop_series import Flight, flights, torque_unit
 from sim.palette import REFERENCE, wheel
 from sim.plants import compile_plant
 from sim.recording import Recording

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from models import quaternion
 from sim import families
 from sim.build import build
-from sim.campaign import Campaign, alone, batched, draw, picked
+from sim.campaign import Campaign, batched
+from sim.campaign_draws import alone, draw, picked
 from sim.families import Settings
 from sim.loop import run
 from sim.metrics import Metric, evaluate

@@ -12,9 +12,9 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from sim import campaign as campaigns
 from sim import families, tables
-from sim.campaign import CAMPAIGNS, Campaign
+from sim.campaign import Campaign, batched
+from sim.campaign_file import CAMPAIGNS, load
 from sim.campaign_shard import Job, fly
 from sim.campaign_store import Store
 from sim.campaign_summary import (
@@ -82,7 +82,7 @@ def _load(file: str, trials: int | None, seed: int | None, shard: int | None) ->
         raise BadInput(
             f"no campaign {file!r}; there are {', '.join(sorted(p.stem for p in CAMPAIGNS.glob('*.toml')))}, or give a .toml file"
         )
-    loaded = campaigns.load(path)
+    loaded = load(path)
     changes = {key: value for key, value in (("trials", trials), ("seed", seed), ("shard", shard)) if value is not None}
     if any(value < (0 if key == "seed" else 1) for key, value in changes.items()):
         raise BadInput(f"--trials and --shard must be at least 1, --seed at least 0 (got {changes})")
@@ -120,7 +120,7 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
     from sim.campaign_report import write_report
     from sim.rerun_campaign import write_bands
 
-    merged, together = store.merge(jobs), campaigns.batched(loaded.at(0))
+    merged, together = store.merge(jobs), batched(loaded.at(0))
     sweep = not together and campaign_sweep.abscissa(loaded) is not None
     rows, points = [], []
     for point, settings in enumerate(loaded.points):

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim import catalogue, families
-from sim.campaign import CAMPAIGNS
+from sim.campaign_file import CAMPAIGNS
 from sim.catalogue import FAMILIES, SCENARIOS
 from sim.scenario import BadInput
 from sim.terminal import out

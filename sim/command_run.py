@@ -13,9 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from sim import antenna_tables, command_family, families, tables, window_tables
-from sim import campaign as campaigns
 from sim.build import build
-from sim.campaign import Campaign
+from sim.campaign import Campaign, batched
+from sim.campaign_draws import alone, picked
+from sim.campaign_file import is_campaign
+from sim.campaign_file import load as load_campaign
 from sim.claims import CLAIMS
 from sim.guests import Guests
 from sim.plants import compile_plant
@@ -65,21 +67,21 @@ def run(
         command_family.run(family, command_family.Asked(name, changes, folder, workers, only_trial, record_trials, overwrite))
         return
     guests = Guests(tuple(observers or ()), controller)
-    source = campaigns.load(Path(name)) if campaigns.is_campaign(name) else None
+    source = load_campaign(Path(name)) if is_campaign(name) else None
     if source and (only_trial is None or trials or seed or overrides):
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
     base = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
     if source and only_trial is not None and (family := families.of(base)) is not None:
-        changes = source.changes(point) | campaigns.picked(source, only_trial)
+        changes = source.changes(point) | picked(source, only_trial)
         asked = command_family.Asked(source.scenario, changes, folder, workers, only_trial, record_trials, overwrite)
         command_family.run(family, asked)
         return
     assert isinstance(base, Scenario)
     loaded = base
-    if source and only_trial is not None and not campaigns.batched(loaded):
-        own, source = campaigns.alone(source, loaded, only_trial), None
+    if source and only_trial is not None and not batched(loaded):
+        own, source = alone(source, loaded, only_trial), None
         assert isinstance(own, Scenario)
         loaded = own
     numbers = numbers_of(loaded.run, only_trial)

@@ -20,7 +20,8 @@ from sim.antenna_series import (
     is_antenna,
 )
 from sim.learned_series import learned_curves, learners
-from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, events, flights, lanes, torque_unit, window, with_particles
+from sim.loop_events import events, lanes
+from sim.loop_series import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, flights, torque_unit, window, with_particles
 from sim.palette import ALERT, CALM, HEALTHY, REFERENCE
 from sim.plants import compile_plant
 from sim.recording import Recording

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from sim.antenna_study import Controllers, identified, judge
 from sim.build import build
-from sim.campaign import Campaign, draw
+from sim.campaign import Campaign
+from sim.campaign_draws import draw
 from sim.engines import processes, stop
 from sim.guests import Guests
 from sim.loop import run

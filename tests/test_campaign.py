@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from models.inertia import why_impossible
-from sim import campaign as campaigns
 from sim import campaign_shard, campaign_store
 from sim.build import build
-from sim.campaign import draw, load
+from sim.campaign_draws import draw
+from sim.campaign_file import CAMPAIGNS, load
 from sim.campaign_shard import FIXED_POINT, Job, fly
 from sim.campaign_summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
 from sim.loop import run
@@ -334,7 +334,7 @@ def test_bands_and_sums_are_those_of_the_trials(file: Path) -> None:
 
 
 def test_the_campaigns_that_come_along_are_sound() -> None:
-    for path in campaigns.CAMPAIGNS.glob("*.toml"):
+    for path in CAMPAIGNS.glob("*.toml"):
         assert load(path).trials >= 1
 
 

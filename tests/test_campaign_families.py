@@ -11,7 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
 
-from sim import campaign as campaigns
+from sim.campaign_draws import picked
+from sim.campaign_file import CAMPAIGNS
+from sim.campaign_file import load as load_campaign
 from sim.campaign_shard import fly
 from sim.campaign_sweep import abscissa
 from sim.command_campaign import _jobs
@@ -94,20 +96,20 @@ def test_a_shard_s_size_changes_nothing(nacs, tmp_path):
 
 
 def test_what_is_dispersed_is_drawn_for_each_trial(nacs, tmp_path):
-    campaign = campaigns.load(write(tmp_path, DISPERSED))
+    campaign = load_campaign(write(tmp_path, DISPERSED))
     result = nacs("campaign", "some.toml", "--out", "c", "--workers", 1)
     assert result.code == 0, result.err
     rows = pq.read_table(tmp_path / "c" / "trials.parquet").to_pylist()
     drawn = [row["value"] for row in rows if row["subject"] == "draw" and row["metric"] == "faults.0.probability"]
     assert len(set(drawn)) == 3
-    assert drawn == [campaigns.picked(campaign, trial)["faults.0.probability"] for trial in range(3)]
+    assert drawn == [picked(campaign, trial)["faults.0.probability"] for trial in range(3)]
     single = nacs("run", "some.toml", "--only-trial", 1, "--out", "r")
     assert single.code == 0, single.err
     assert values(tmp_path / "c", trial=1).items() <= values(tmp_path / "r").items()
 
 
 def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
-    campaign = campaigns.load(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
+    campaign = load_campaign(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
     family = type(of(campaign.at(0)))
     flown = family.simulate
 
@@ -127,7 +129,7 @@ def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
 
 
 def test_curves_run_along_the_longest_key_of_numbers(tmp_path):
-    campaign = campaigns.load(write(tmp_path, SWEEP))
+    campaign = load_campaign(write(tmp_path, SWEEP))
     assert abscissa(campaign) == "faults.0.probability"
     assert abscissa(campaign.model_copy(update={"grid": {"graph.when_lost": ("hold", "skip")}})) is None
     np.testing.assert_array_equal([point["faults.0.probability"] for point in campaign.points[:3]], [0.0, 0.5, 0.9])
@@ -152,4 +154,4 @@ def test_a_wrong_key_is_one_line(nacs, tmp_path, old, new, wanted):
 
 @pytest.mark.parametrize("name", ["formation-message-loss", "formation-message-delay"])
 def test_the_campaigns_that_come_along_are_sound(name):
-    assert campaigns.load(campaigns.CAMPAIGNS / f"{name}.toml").points
+    assert load_campaign(CAMPAIGNS / f"{name}.toml").points

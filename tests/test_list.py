@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim.campaign import CAMPAIGNS
+from sim.campaign_file import CAMPAIGNS
 from sim.catalogue import FAMILIES, SCENARIOS, families, scenario_names, title
 
 

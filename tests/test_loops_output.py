@@ -19,8 +19,9 @@ from models import quaternion
 from sim import rerun_loops_scene
 from sim.build import build
 from sim.loop import run
+from sim.loop_events import lanes
 from sim.loop_looks import looks
-from sim.loop_series import flights, lanes, running_rms
+from sim.loop_series import flights, running_rms
 from sim.metrics import evaluate
 from sim.plant import diagnose
 from sim.plants import compile_plant
