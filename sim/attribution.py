@@ -17,6 +17,7 @@ Array = NDArray[np.floating]
 FINE = 10  # integration steps a tick that stand for an exact solution
 SUPERPOSE = 0.2  # how far the shares may be from the total and still be called shares
 MODEL_STEP = "model's step: RK4, one a tick"
+HELD = "wheel readings held for a tick"
 
 
 class Effect(NamedTuple):
@@ -32,6 +33,7 @@ class Attribution(NamedTuple):
     The total E is the rotation from the model's attitude to the plant's. An effect's contribution is the mean of two: what it does when
     it alone is switched on, and what is missing when it alone is switched off (for effects that interact in pairs, Shapley's value).
     Its share is the projection sum(e . E) / sum(E . E) over the trials: contributions that add up to E have shares that add up to 1.
+    Where the model reads the wheels' speeds, what an effect does to the model by them is part of its contribution.
     """
 
     names: tuple[str, ...]  # effects of the plant, then the model's own
@@ -66,6 +68,8 @@ class Attribution(NamedTuple):
 
     def superposes(self, tick: int) -> bool:
         """Whether the shares sum to the total within `SUPERPOSE`, as a sum and as vectors."""
+        if not self.total[tick].any():
+            return True  # nothing has happened yet
         return abs(float(self.shares(tick).sum()) - 1.0) <= SUPERPOSE and self.rest(tick) <= SUPERPOSE
 
 
@@ -76,11 +80,11 @@ def size_deg(vectors: Array) -> Array:
 
 def present(flight: Flight, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     """Those effects that the scenario's plant has."""
-    plant = flight.scenario.testbed
+    plant = flight.scenario.plant
     return tuple(
         effect
         for effect in effects
-        if effect.off.clamped
+        if effect.off.built
         or (effect.off.no_faults and flight.scenario.faults)
         or (effect.off.parameters and altered(plant, **dict(effect.off.parameters)) != plant)
     )
@@ -112,16 +116,54 @@ def attribute(
         return states
 
     full, bare = flight.states[:ticks], flown(effects)
-    alone = [_turn(flown(tuple(e for e in effects if e is not effect)), bare) for effect in effects]
-    missing = [_turn(full, flown((effect,))) for effect in effects]
+    believes = _Readings(flight, model, ticks, full, bare)
+    alone, missing = [], []
+    for effect in effects:
+        only, without = flown(tuple(e for e in effects if e is not effect)), flown((effect,))
+        alone.append(_turn(only, bare) - believes.turned(only, bare))
+        missing.append(_turn(full, without) - believes.turned(full, without))
     command, start, tick_s = flight.command[:ticks], flight.states[0], flight.scenario.run.tick_s
     ideal = integrate(exact, start, command, tick_s, FINE)
-    smooth = integrate(model.dynamics, start, command, tick_s, FINE) if model.difference else ideal
-    stepped, coarse = (integrate(model.dynamics, start, command, tick_s, euler=euler) for euler in (False, True))
-    own = ([_turn(ideal, smooth)] if model.difference else []) + [_turn(smooth, stepped)]
-    names = (*(e.name for e in effects), *((model.difference,) if model.difference else ()), MODEL_STEP)
+    stepped = model.predict(flight, ticks)
+    own = {}
+    if model.reads_wheels:
+        even = model.predict(flight, ticks, FINE, read=bare[..., 7:], held=False)
+        own = {model.difference: _turn(ideal, even), HELD: _turn(even, believes.of(bare))}
+        smooth = believes.of(full)
+    elif model.difference:
+        smooth = model.predict(flight, ticks, FINE)
+        own = {model.difference: _turn(ideal, smooth)}
+    else:
+        smooth = ideal
+    own[MODEL_STEP] = _turn(smooth, stepped)
+    names = (*(e.name for e in effects), *own)
+    with np.errstate(all="ignore"):  # Euler's steps blow up a mode that nothing damps
+        euler = _turn(smooth, model.predict(flight, ticks, euler=True))
     apart = np.degrees(quaternion.angle(bare[..., :4], ideal[..., :4]))
-    return Attribution(names, np.stack(alone + own), np.stack(missing + own), _turn(full, stepped), _turn(smooth, coarse), apart), bare
+    parts = np.stack([*alone, *own.values()]), np.stack([*missing, *own.values()])
+    return Attribution(names, *parts, _turn(full, stepped), euler, apart), bare
+
+
+class _Readings:
+    """What a model that reads the wheels makes of them: an effect that changes their speeds changes the model too."""
+
+    def __init__(self, flight: Flight, model: Model, ticks: int, full: Array, bare: Array) -> None:
+        self._flight, self._model, self._ticks = flight, model, ticks
+        self._known = [(states, self._fine(states)) for states in (full, bare)] if model.reads_wheels else []
+
+    def _fine(self, states: Array) -> Array:
+        return self._model.predict(self._flight, self._ticks, FINE, read=states[..., 7:])
+
+    def of(self, states: Array) -> Array:
+        """The model's states if it reads the wheels of `states`, (ticks, trials, n)."""
+        for known, path in self._known:
+            if known is states:
+                return path
+        return self._fine(states)
+
+    def turned(self, state: Array, reference: Array) -> Array | float:
+        """How far the model turns if it reads the wheels of `state` instead of those of `reference`, as `_turn`."""
+        return _turn(self.of(state), self.of(reference)) if self._model.reads_wheels else 0.0
 
 
 def _turn(state: Array, reference: Array) -> Array:

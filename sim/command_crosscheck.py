@@ -10,25 +10,30 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from models.nacs import compile_nacs
 from sim.crosscheck import CrossCheck, examine, metrics
-from sim.crosscheck_tables import attribution_table, checks_table, divergence_table, failures_table
+from sim.crosscheck_tables import tables
 from sim.divergence import thresholds
 from sim.plant import SimulationFailed
-from sim.plant_families import choose_model, family_of
+from sim.plant_families import choose_loop, choose_model, family_of
+from sim.plants import compile_plant
 from sim.results import write_summary
 from sim.scenario import BadInput, Scenario
 from sim.terminal import FAILED, Name, Overrides, Seed, err, how_to_open, load, out, output_folder
 
 CHECK_FAILED = 1
 FILES = ("crosscheck.rrd", "crosscheck.png", "summary.json")
-INSTANTS = (1.0, 3.0, 10.0, 30.0)  # s
 
 
 def crosscheck(
     name: Name = "nacs/fault-free",
     model: Annotated[
-        str | None, typer.Option(metavar="VARIANT|FILE.py", help="eq9-10 (default), exact, printed-..., or a file of yours, which is run")
+        str | None,
+        typer.Option(
+            metavar="VARIANT|FILE.py", help="of the testbed eq9-10 (default), exact, printed-..., or a file of yours, which is run"
+        ),
+    ] = None,
+    loop: Annotated[
+        str | None, typer.Option(metavar="NAME", help="whose control flies it, of a scenario of several loops; default: the first")
     ] = None,
     at: Annotated[list[float] | None, typer.Option(metavar="SECONDS", help="instant of attribution (may be repeated)")] = None,
     limits: Annotated[
@@ -41,11 +46,11 @@ def crosscheck(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
-    loaded = load(name, trials, seed, overrides)
-    family = family_of(loaded)
-    chosen = choose_model(family, model, loaded.testbed)
+    whole = load(name, trials, seed, overrides)
+    family, loaded = family_of(whole), choose_loop(whole, loop)
+    chosen = choose_model(family, model, loaded.plant)
     wanted = thresholds(loaded, limits or [])
-    instants = _instants(loaded, at)
+    instants = _instants(loaded, at, family.instants)
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     with Progress(
@@ -67,8 +72,8 @@ def crosscheck(
     wall = time.perf_counter() - started
     _write(target, name, loaded, found, wall)
     out.print(f"[bold]Cross-check of {chosen.name}[/] with {name}: {loaded.title}\n")
-    for table in (divergence_table, attribution_table, checks_table, failures_table):
-        out.print(table(found))
+    for table in tables(found):
+        out.print(table)
     out.print(f"Picture    {target / 'crosscheck.png'}\nRecording  {target / 'crosscheck.rrd'}")
     out.print(f"Open it    {how_to_open(target / 'crosscheck.rrd')}", soft_wrap=True)
     if not found.passed:
@@ -76,12 +81,12 @@ def crosscheck(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _instants(loaded: Scenario, at: list[float] | None) -> tuple[float, ...]:
+def _instants(loaded: Scenario, at: list[float] | None, usual: tuple[float, ...]) -> tuple[float, ...]:
     last, tick_s = (loaded.run.ticks - 1) * loaded.run.tick_s, loaded.run.tick_s
     if last < tick_s:
         raise BadInput("run.ticks: a cross-check needs two ticks or more")
     if at is None:
-        return tuple(s for s in INSTANTS if tick_s <= s <= last) or (last,)
+        return tuple(s for s in usual if tick_s <= s <= last) or (last,)
     for instant in at:
         if not (math.isfinite(instant) and tick_s / 2 < instant <= last + 1e-9):
             raise BadInput(f"--at {instant:g}: must lie between {tick_s:g} s and the last tick, {last:g} s")
@@ -101,6 +106,4 @@ def _write(target: Path, name: str, loaded: Scenario, found: CrossCheck, wall: f
         model=found.model.name, thresholds=found.thresholds, passed=found.passed,
     )  # fmt: skip
     write_picture(target / "crosscheck.png", name, found)
-    write_crosscheck(
-        target / "crosscheck.rrd", name, found, compile_nacs(loaded.testbed), loaded.model_dump(mode="json", exclude_none=True)
-    )
+    write_crosscheck(target / "crosscheck.rrd", name, found, compile_plant(loaded.plant), loaded.model_dump(mode="json", exclude_none=True))

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.attribution import Attribution, attribute, present, size_deg
-from sim.divergence import QUANTITIES, divergence, passes
+from sim.crosscheck_bench import Check
+from sim.crosscheck_failure import Failure
+from sim.crosscheck_family import PlantFamily
+from sim.divergence import QUANTITIES, Quantity, divergence, passes
 from sim.metrics import Metric
 from sim.model_variants import Model
-from sim.open_loop import Flight, fly, integrate
-from sim.physics_checks import Check
-from sim.plant_families import PlantFamily
-from sim.printed_errors import Failure
+from sim.open_loop import Flight, fly
 from sim.scenario import Scenario
 
 Array = NDArray[np.floating]
@@ -57,6 +58,11 @@ class CrossCheck:
         return all(check.passed for check in self.checks) and all(failure.fails for failure in self.failures)
 
     @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Those of which the model has an opinion."""
+        return tuple(quantity for quantity in QUANTITIES if quantity.name in self.apart)
+
+    @property
     def tick_s(self) -> float:
         """Control period, s."""
         return self.flight.scenario.run.tick_s
@@ -68,7 +74,7 @@ class CrossCheck:
 
 def examine(
     scenario: Scenario,
-    family: PlantFamily,
+    family: PlantFamily[Any],
     model: Model,
     limits: dict[str, float],
     at_s: tuple[float, ...],
@@ -84,12 +90,12 @@ def examine(
       at_s: instants at which attribution is reported, s.
       progress: called with what is being done, steps done and steps in all.
     """
-    plant, tick_s = scenario.testbed, scenario.run.tick_s
+    plant, tick_s = scenario.plant, scenario.run.tick_s
     ticks = tuple(sorted({round(s / tick_s) for s in at_s}))
     progress("closed-loop flight", 0, 1)
-    flight = fly(scenario, np.arange(scenario.run.trials))
-    exact = family.exact(plant)
-    states = integrate(model.dynamics, flight.states[0], flight.command, tick_s)
+    flight = fly(scenario, np.arange(scenario.run.trials), family.rig)
+    exact, whole = family.exact(plant), family.whole(plant)
+    states = model.predict(flight, len(flight.states))
     effects = present(flight, family.effects)
     replays = 2 * len(effects) + 1
     done = 0
@@ -105,8 +111,7 @@ def examine(
     for name, make in family.models.items():
         other = make(plant)
         if name != model.name:
-            path = integrate(other.dynamics, flight.states[0], flight.command, tick_s)
-            others[name] = divergence(exact, flight.states, path)["attitude"]
+            others[name] = divergence(whole, flight.states, other.predict(flight, len(flight.states)))["attitude"]
     last = f"{ticks[-1] * tick_s:g} s"
     bare_error = float(causes.bare.max())
     checks = [Check("every effect off", f"angle to exact equations, {last}", bare_error, BARE_TOLERANCE_DEG, "deg")]
@@ -117,7 +122,9 @@ def examine(
     for i, failure in enumerate(family.failures):
         progress("as printed", i, len(family.failures))
         failures += failure(flight, bare)
-    apart = divergence(exact, flight.states, states)
+    apart = divergence(whole, flight.states, states)
+    if model.reads_wheels:
+        apart.pop("wheel", None)
     return CrossCheck(flight, model, states, apart, others, limits, ticks, causes, tuple(checks), tuple(failures))
 
 
@@ -125,7 +132,7 @@ def metrics(found: CrossCheck) -> list[Metric]:
     """Rows of `summary.json`; the phase is an instant, such as `10 s`, or `all`."""
     rows: list[Metric] = []
     last = len(found.states) - 1
-    for quantity in QUANTITIES:
+    for quantity in found.quantities:
         values, limit = found.apart[quantity.name], found.thresholds[quantity.name]
         rows.append(Metric(found.model.name, f"{quantity.name}_passes_threshold_s", "all", "s", passes(values, limit, found.tick_s)))
         for tick in (*found.ticks, *((last,) if last not in found.ticks else ())):

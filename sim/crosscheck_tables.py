@@ -9,7 +9,7 @@ from rich.table import Table
 
 from sim.attribution import SUPERPOSE, size_deg
 from sim.crosscheck import CrossCheck
-from sim.divergence import QUANTITIES, passes, rms
+from sim.divergence import passes, rms
 
 Array = NDArray[np.floating]
 
@@ -29,7 +29,9 @@ def number(value: float) -> str:
 
 
 def _short(value: float) -> str:
-    """Narrow: two digits of what is small."""
+    """Narrow: two digits of what is small, one of what is very small."""
+    if value and abs(value) < 1e-3:
+        return f"{value:.0e}"
     return f"{value:.2g}" if 1e-3 <= abs(value) < 1e-2 else number(value)
 
 
@@ -57,21 +59,27 @@ def divergence_table(found: CrossCheck) -> Table:
     shown = tuple(dict.fromkeys((*found.ticks[-4:], last)))
     table = _table(
         f"Divergence of {found.model.name} from the plant, open loop, same commands",
-        f"passed: median of {trials} trials (* not in all); values: RMS over the trials;\n"
-        "momentum and energy relative to the greatest in the wheels and of the plant",
+        f"passed: median of {trials} trials (* not in all); values: RMS over the trials;\n{_relative(found)}",
     )
     table.add_column("quantity", no_wrap=True)
     table.add_column("threshold", justify="right", no_wrap=True)
     table.add_column("passed\n\\[s]", justify="right")
     for tick in shown:
         table.add_column(f"at\n{found.instant(tick)}", justify="right")
-    for quantity in QUANTITIES:
+    for quantity in found.quantities:
         values, limit = found.apart[quantity.name], found.thresholds[quantity.name]
         passed = _moment(passes(values, limit, found.tick_s))
         table.add_row(
             f"{quantity.label} [dim]{unit(quantity.unit)}[/]", number(limit), passed, *(_short(float(rms(values)[tick])) for tick in shown)
         )
     return table
+
+
+def _relative(found: CrossCheck) -> str:
+    """What momentum and energy are relative to."""
+    if found.states.shape[-1] > 7:
+        return "momentum and energy relative to the greatest in the wheels and of the plant"
+    return "momentum relative to that at the start, energy to the plant's greatest"
 
 
 def attribution_table(found: CrossCheck) -> Table:
@@ -140,3 +148,9 @@ def failures_table(found: CrossCheck) -> Table:
 def unit(name: str) -> str:
     """Unit of a figure as a person reads it; relative figures have none."""
     return "" if name == "1" else name
+
+
+def tables(found: CrossCheck) -> tuple[Table, ...]:
+    """All that there is to tell."""
+    told = divergence_table(found), attribution_table(found), checks_table(found)
+    return (*told, failures_table(found)) if found.failures else told

@@ -29,14 +29,18 @@ QUANTITIES = (
     Quantity("momentum", "momentum", "1"),
     Quantity("energy", "energy", "1"),
 )
+AT_REST = 1e-6  # of the greatest momentum: less than that at the start is none
 RELATIVE = 0.01  # threshold of momentum and energy
-IDEAL = {"attitude": 0.01, "rate": 1e-3, "wheel": 0.1}  # where a scenario's sensors have no noise
+IDEAL = {"attitude": 0.01, "rate": 1e-3, "wheel": 0.1}  # where a scenario's sensors have no noise, or where there is no sensor
 
 
 def thresholds(scenario: Scenario, given: list[str]) -> dict[str, float]:
     """Threshold of every quantity in its unit: one standard deviation of the sensor's noise, 1 % of momentum and energy, or as given."""
     sensors = scenario.sensors
-    noise = {"attitude": np.degrees(sensors.attitude_noise_rad), "rate": sensors.gyro_noise_rad_s, "wheel": sensors.wheel_noise_rad_s}
+    attitude = float(np.hypot(sensors.attitude_noise_rad, 2.0 * sensors.quaternion_noise))  # a component is half a small angle
+    noise = {"attitude": np.degrees(attitude), "rate": sensors.gyro_noise_rad_s if sensors.gyro else 0.0}
+    if scenario.plant.wheel_axes.shape[1]:
+        noise["wheel"] = sensors.wheel_noise_rad_s
     limits = {name: float(value) or IDEAL[name] for name, value in noise.items()} | {"momentum": RELATIVE, "energy": RELATIVE}
     for text in given:
         name, _, value = text.partition("=")
@@ -68,24 +72,35 @@ def divergence(body: WheeledBody, plant: Array, model: Array) -> dict[str, Array
     """Every quantity over time, (ticks, trials).
 
     Rate and wheel speed: the greatest of the components' differences. Momentum: length of the difference in N, relative to the greatest
-    that the plant's wheels stored in the trial; energy: relative to the plant's greatest kinetic energy in the trial. Both follow from
-    the states by the plant's mass properties, whatever the model takes for these.
+    that the plant's wheels stored in the trial, without wheels to that at the start, or the greatest if it starts at rest; energy:
+    relative to the plant's greatest kinetic energy in the trial. Both follow from the states by the plant's mass properties, whatever
+    the model takes for these.
 
     Args:
-      body: exact equations with the plant's mass properties.
+      body: the plant's mass properties as a body with wheels, of which there may be none.
       plant: its states, (ticks, trials, n).
       model: its states, (ticks, trials, n).
     """
-    stored = np.linalg.norm(body.wheel_inertia * plant[..., 7:] @ body.wheel_axes.T, axis=-1).max(axis=0)
-    energy = kinetic_energy(body, plant)
-    turn = np.linalg.norm(momentum_N(body, model) - momentum_N(body, plant), axis=-1)
+    total, energy, wheels = momentum_N(body, plant), kinetic_energy(body, plant), plant.shape[-1] > 7
+    turn = np.linalg.norm(momentum_N(body, model) - total, axis=-1)
     return {
         "attitude": np.degrees(quaternion.angle(model[..., :4], plant[..., :4])),
         "rate": np.abs(model[..., 4:7] - plant[..., 4:7]).max(axis=-1),
-        "wheel": np.abs(model[..., 7:] - plant[..., 7:]).max(axis=-1),
-        "momentum": turn / np.maximum(stored, 1e-12),
+        **({"wheel": np.abs(model[..., 7:] - plant[..., 7:]).max(axis=-1)} if wheels else {}),
+        "momentum": turn / np.maximum(_stored(body, plant) if wheels else _kept(total), 1e-12),
         "energy": np.abs(kinetic_energy(body, model) - energy) / np.maximum(energy.max(axis=0), 1e-12),
     }
+
+
+def _stored(body: WheeledBody, plant: Array) -> Array:
+    """Greatest momentum in the wheels, (ticks, trials, n) to (trials,) N m s."""
+    return np.linalg.norm(body.wheel_inertia * plant[..., 7:] @ body.wheel_axes.T, axis=-1).max(axis=0)
+
+
+def _kept(total: Array) -> Array:
+    """Momentum at the start, or the greatest of a trial that starts at rest, (ticks, trials, 3) to (trials,) N m s."""
+    size = np.linalg.norm(total, axis=-1)
+    return np.where(size[0] > AT_REST * size.max(axis=0), size[0], size.max(axis=0))
 
 
 def passes(values: Array, threshold: float, tick_s: float) -> Array:

@@ -1,4 +1,4 @@
-"""Named analytic models of the NACS: the papers' equations, the exact ones, and those that cannot be right as printed."""
+"""Analytic models under test, and those of the NACS by name: the paper's equations, the exact ones, and those wrong as printed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.nacs import NacsParameters
-from sim.open_loop import Dynamics, altered
+from sim.open_loop import Dynamics, Flight, altered, integrate
 
 Array = NDArray[np.floating]
 
@@ -22,11 +22,51 @@ class Model:
       name: by which it is chosen.
       dynamics: its equations.
       difference: what in them is not as in the exact coupled equations, in a few words; empty if they are these.
+      reads_wheels: it has no wheel speeds among its states; they are an input, as read at every tick.
+      hidden: further states behind those of the plant, which are zero at the start.
     """
 
     name: str
     dynamics: Dynamics
     difference: str
+    reads_wheels: bool = False
+    hidden: int = 0
+
+    def predict(
+        self, flight: Flight, ticks: int, substeps: int = 1, euler: bool = False, read: Array | None = None, held: bool = True
+    ) -> Array:
+        """What it makes of the first `ticks` of a flight's commands, from the flight's own start, as `integrate` does.
+
+        Args:
+          flight: what was flown.
+          ticks: how far.
+          substeps: integration steps a tick.
+          euler: explicit Euler instead of Runge-Kutta.
+          read: wheel speeds that it reads, (ticks, trials, wheels) rad/s; None: the flight's.
+          held: a reading stays what it is for a tick, as on board; else speeds change evenly from one to the next.
+
+        Returns:
+          States of the plant (ticks, trials, n); wheel speeds are those that it reads, where it does.
+        """
+        start, inputs, tick_s = flight.states[0], flight.command[:ticks], flight.scenario.run.tick_s
+        if self.reads_wheels:
+            speeds = flight.states[:ticks, ..., 7:] if read is None else read
+            path = self._reading(start[..., :7], inputs, speeds, tick_s, substeps, euler, held)
+            return np.concatenate([path, speeds], axis=-1)
+        size = start.shape[-1]
+        if self.hidden:
+            start = np.concatenate([start, np.zeros((*start.shape[:-1], self.hidden))], axis=-1)
+        return integrate(self.dynamics, start, inputs, tick_s, substeps, euler)[..., :size]
+
+    def _reading(self, start: Array, command: Array, speeds: Array, tick_s: float, substeps: int, euler: bool, held: bool) -> Array:
+        """Seven states, (ticks, trials, 7)."""
+        if held:
+            return integrate(self.dynamics, start, np.concatenate([command, speeds], axis=-1), tick_s, substeps, euler)
+        middle = (np.arange(substeps) + 0.5) / substeps  # of every step, in ticks
+        between = speeds[:-1, None] + middle[:, None, None] * (speeds[1:, None] - speeds[:-1, None])
+        between = np.concatenate([between.reshape(-1, *speeds.shape[1:]), speeds[-1:]])
+        inputs = np.concatenate([np.repeat(command, substeps, axis=0)[: len(between)], between], axis=-1)
+        return integrate(self.dynamics, start, inputs, tick_s / substeps, 1, euler)[::substeps]
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from control.tracking import Estimate, Target
 from models import quaternion
 from models.assembly import Assembly
-from models.nacs import BALANCE_MASSES, NacsParameters
 from models.process import ProcessModel, runge_kutta
 from sim.build import build
 from sim.loop import System, run
@@ -22,16 +21,51 @@ from sim.scenario import Scenario
 
 Array = NDArray[np.floating]
 
-OUT_OF_REACH_M = 10.0  # where the tilt stop is put when nothing shall touch it
-STIFFER = 1e4  # balance masses so much stiffer, heavier and better damped give by less than 1e-12 m
-
 
 class Dynamics(Protocol):
     """All that a model needs here: its derivative."""
 
     def derivative(self, state: Array, command: Array) -> Array:
-        """dx/dt of [q_BN, omega_BN_B, omega_wheel]: (..., n) and (..., wheels) N m to (..., n)."""
+        """dx/dt of [q_BN, omega_BN_B, omega_wheel]: (..., n) and (..., wheels) N m, or (..., 3) without wheels, to (..., n)."""
         ...
+
+
+class PlantParameters(Protocol):
+    """What is needed to know of any plant of one body: numbers that can be replaced, and what follows from them."""
+
+    @property
+    def inertia(self) -> Array:
+        """Of the whole, wheels locked, (3, 3) kg m2."""
+        ...
+
+    @property
+    def wheel_axes(self) -> Array:
+        """(3, wheels)."""
+        ...
+
+    def model_dump(self) -> dict[str, Any]:
+        """Every number by name."""
+        ...
+
+
+P = TypeVar("P", bound=PlantParameters)
+Alteration = Callable[[Assembly], None]  # of a compiled plant that has not been stepped yet
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What a kind of plant needs so that it can be flown without feedback; most need nothing.
+
+    Attributes:
+      free: takes away what would stop a body that nothing holds.
+      settle: commands actuators other than the wheels', by the plant's parameters.
+    """
+
+    free: Alteration = lambda _: None
+    settle: Callable[[Plant, Any], None] = lambda *_: None
+
+
+PLAIN = Rig()
 
 
 class Flight(NamedTuple):
@@ -40,7 +74,8 @@ class Flight(NamedTuple):
     scenario: Scenario
     system: System
     recording: Recording
-    command: Array  # (ticks, trials, wheels) N m, as sent: before the drives round it
+    command: Array  # (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels, as sent: before drives round it
+    rig: Rig = PLAIN
 
     @property
     def states(self) -> Array:
@@ -55,46 +90,32 @@ class Change:
     Attributes:
       parameters: of the plant, that are replaced.
       no_faults: none of the scenario's faults occurs.
-      clamped: the balance masses cannot move on their rails.
+      built: alterations that no parameter makes, such as balance masses that cannot move.
     """
 
     parameters: tuple[tuple[str, Any], ...] = ()
     no_faults: bool = False
-    clamped: bool = False
+    built: tuple[Alteration, ...] = ()
 
     def __or__(self, other: Change) -> Change:
         """Both changes."""
-        return Change(self.parameters + other.parameters, self.no_faults or other.no_faults, self.clamped or other.clamped)
+        return Change(self.parameters + other.parameters, self.no_faults or other.no_faults, self.built + other.built)
 
 
-def altered(parameters: NacsParameters, **changes: Any) -> NacsParameters:
+def altered(parameters: P, **changes: Any) -> P:
     """The same plant with other values."""
     return type(parameters)(**(parameters.model_dump() | changes))
 
 
-def take_stop_away(assembly: Assembly) -> None:
-    """Put the tilt stop out of reach: open loop, a body that nothing holds goes round and round."""
-    assembly.model.geom("tilt_stop").pos[2] -= OUT_OF_REACH_M
-
-
-def clamp_masses(assembly: Assembly) -> None:
-    """Fix the balance masses to their rails: all of the rails' drives is scaled alike, so that the step still resolves them."""
-    model = assembly.model
-    for name in BALANCE_MASSES:
-        dof, servo = model.joint(name).dofadr[0], model.actuator(name).id
-        model.dof_armature[dof] *= STIFFER
-        model.dof_damping[dof] *= STIFFER
-        model.actuator_gainprm[servo] *= STIFFER
-        model.actuator_biasprm[servo] *= STIFFER
-
-
-def fly(scenario: Scenario, trials: NDArray[np.int64]) -> Flight:
-    """Fly the scenario in closed loop; feedback is the truth, so that the flight stays away from the tilt stop."""
+def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flight:
+    """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop."""
     system = replace(build(scenario, trials), feedback="truth", banks=())
     recording = run(system)
     state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
+    if not system.command_step_nm:
+        return Flight(scenario, system, recording, recording.channels["command"], rig)
     command, _ = system.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
-    return Flight(scenario, system, recording, command)
+    return Flight(scenario, system, recording, command, rig)
 
 
 class _Playback:
@@ -123,28 +144,28 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
     scenario, start = flight.scenario, flight.states[0]
     again = scenario.model_copy(
         update={
-            "run": scenario.run.model_copy(update={"ticks": ticks}),
-            "plant": altered(scenario.testbed, **dict(change.parameters)),
+            "plant": altered(scenario.plant, **dict(change.parameters)),
             "faults": () if change.no_faults else scenario.faults,
         }
     )
     system = build(again, flight.system.trials)
     assembly = system.plant.assembly
-    take_stop_away(assembly)
-    if change.clamped:
-        clamp_masses(assembly)
+    flight.rig.free(assembly)
+    for alter in change.built:
+        alter(assembly)
     plant = Plant(assembly, len(start))
     plant.start(start[:, :4], start[:, 4:7], start[:, 7:])
-    for name, position in zip(BALANCE_MASSES, again.testbed.balance_position_mm, strict=True):
-        plant.hold(name, 1e-3 * position)
+    flight.rig.settle(plant, again.plant)
     system = replace(
-        system,
+        system,  # drawn for the whole flight, so that it meets the same noise and faults
         plant=plant,
+        target=Target(*(part[:ticks] for part in system.target)),
+        ticks=ticks,
         feedback="truth",
         banks=(),
         controller=_Playback(flight.recording.channels["torque_B"]),
         allocation=flight.system.allocation,  # the same commands, whatever the drives could do
-        command_step_nm=flight.system.command_step_nm if again.testbed.command_bits else 0.0,
+        command_step_nm=flight.system.command_step_nm if system.command_step_nm else 0.0,
     )
     return run(system).channels["truth/state"]
 
@@ -155,7 +176,7 @@ def integrate(dynamics: Dynamics, start: Array, command: Array, tick_s: float, s
     Args:
       dynamics: the model.
       start: (..., n).
-      command: (ticks, ..., wheels) N m.
+      command: (ticks, ..., inputs), of a plant's own model N m a wheel.
       tick_s: s.
       substeps: integration steps a tick.
       euler: explicit Euler instead of the classical Runge-Kutta method.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +14,7 @@ from models.inertia import why_impossible
 from models.nacs import compile_nacs
 from models.wheeled_body import WheeledBody
 from sim.build import build
+from sim.crosscheck_failure import Failure, FailureFunction
 from sim.divergence import momentum_N, passes
 from sim.loop import run
 from sim.model_variants import exact, printed_gyroscopic_sign, printed_inertia
@@ -28,38 +27,6 @@ FALL_S = 5.0  # of closed loop with the wrong sign
 LOST_TILT_DEG = 25.0
 APART_DEG = 0.01
 TURNED_DEG = 1.0
-
-
-class Failure(NamedTuple):
-    """How a printed variant fails.
-
-    Attributes:
-      variant: its name.
-      measure: what is looked at.
-      right: figure of the right equations.
-      printed: figure of the printed ones.
-      limit: that the right one must keep and the printed one must exceed.
-      unit: of the three.
-      when: instant at which the printed one exceeds the limit, s; NaN where there is none.
-      remark: one line on how it fails.
-    """
-
-    variant: str
-    measure: str
-    right: float
-    printed: float
-    limit: float
-    unit: str
-    when: float
-    remark: str
-
-    @property
-    def fails(self) -> bool:
-        """Whether the printed variant fails as it must, and the right one does not."""
-        return self.right <= self.limit and not self.printed <= self.limit
-
-
-FailureFunction = Callable[[Flight, Array], list[Failure]]
 
 
 @dataclass(frozen=True)

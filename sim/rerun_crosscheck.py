@@ -18,18 +18,21 @@ from models import quaternion
 from models.assembly import Assembly
 from sim.attribution import size_deg
 from sim.crosscheck import CrossCheck
-from sim.crosscheck_tables import attribution_table, checks_table, divergence_table, failures_table
-from sim.divergence import QUANTITIES, passes
+from sim.crosscheck_tables import tables
+from sim.divergence import passes
 from sim.palette import ALERT, AXES, PALE_AXES, TRUTH, Colour, on_dark, wheel
 from sim.plant import diagnose
 from sim.recording import Recording
-from sim.rerun_blueprint import BACKGROUND, BOTH_BODIES, TIMELINE, TRAIL_S
-from sim.rerun_scene import GHOST_LABEL, GHOST_OFFSET, body_path, floating_body, lab_of_N, to_lab
+from sim.rerun_blueprint import BACKGROUND, BOTH_BODIES, TIMELINE, TRAIL_S, Camera
+from sim.rerun_loops_scene import ROWS_MOST
+from sim.rerun_scene import CENTRE, GHOST_LABEL, GHOST_OFFSET, body_path, floating_body, lab_of_N, size_of, stands, to_lab
 from sim.rerun_sink import APPLICATION, Scales, columns, describe, entity, motion, start, style, time_column
 from sim.series import RPM, Curve
 
 Array = NDArray[np.floating]
 
+ARROW = 0.25  # m of the longest arrow of momentum on a plant of the testbed's size
+FURTHER = 1.6  # times the testbed's distance
 EFFECTS: tuple[Colour, ...] = (
     (92, 148, 255), (255, 160, 80), (60, 205, 180), (240, 110, 130), (180, 140, 255), (240, 205, 90), (120, 205, 250), (205, 165, 125),
     (160, 170, 185), (250, 165, 200), (185, 220, 120),
@@ -47,18 +50,23 @@ def write_crosscheck(path: Path, name: str, found: CrossCheck, assembly: Assembl
       configuration: nested settings, kept as a property of the recording.
     """
     recording, model = _with_ghost(found), found.model.name
-    truth = diagnose(assembly, recording.channels["truth/qpos"][:, 0], recording.channels["truth/qvel"][:, 0])
-    scales = _as_it_is(Scales.of(recording, assembly, None))
     time = recording.time
+    stride = -(-len(time) // ROWS_MOST)  # of poses; curves keep every tick
+    posed = replace(recording, channels={channel: values[::stride] for channel, values in recording.channels.items()})
+    truth = diagnose(assembly, posed.channels["truth/qpos"][:, 0], posed.channels["truth/qvel"][:, 0])
+    scales = _as_it_is(Scales.of(recording, assembly, None))
+    if not assembly.wheel_joints:
+        scales = scales._replace(momentum=ARROW * size_of(assembly) / float(np.linalg.norm(truth.momentum_N, axis=-1).max()))
     with rr.RecordingStream(APPLICATION) as stream:
         stream.save(path, default_blueprint=_page(found, assembly, scales, float(time[-1])))
         describe(stream, f"{name}: cross-check of {model}", configuration)
         start(stream, "", recording.thresholds, assembly, recording.channels["reference/q"])
-        for path_in_file, moved in motion(recording, truth, assembly, scales):
+        for path_in_file, moved in motion(posed, truth, assembly, scales):
             if not path_in_file.startswith(("world/magnified", "world/labels")):
-                stream.send_columns(path_in_file, [time_column(time)], moved)
-        for path_in_file, moved in _ghost(found, recording, assembly, truth.position[:, floating_body(assembly)]):
-            stream.send_columns(path_in_file, [time_column(time)], moved)
+                stream.send_columns(path_in_file, [time_column(time[::stride])], moved)
+        angles = found.apart["attitude"][::stride, 0]
+        for path_in_file, moved in _ghost(found.model.name, angles, posed, assembly, truth.position[:, floating_body(assembly)]):
+            stream.send_columns(path_in_file, [time_column(time[::stride])], moved)
         for curve in _curves(found):
             stream.log(entity(curve.path), style(curve), static=True)
             stream.send_columns(entity(curve.path), [time_column(time[: len(curve.values)])], columns(curve))
@@ -78,28 +86,28 @@ def _with_ghost(found: CrossCheck) -> Recording:
     return replace(one, channels=one.channels | {f"{found.model.name}/mean": found.states[:, :1]}, thresholds={found.model.name: None})
 
 
-def _ghost(found: CrossCheck, recording: Recording, assembly: Assembly, pivot: Array) -> Iterator[tuple[str, Any]]:
-    """The wire frame of the model's body over the plant's, and the label of its solid ghost beside it."""
-    part = rr.escape_entity_path_part(found.model.name)
-    q_BN = recording.channels[f"{found.model.name}/mean"][:, 0, :4]
+def _ghost(name: str, angles: Array, recording: Recording, assembly: Assembly, pivot: Array) -> Iterator[tuple[str, Any]]:
+    """The wire frame of the model's body over the plant's, and the label of its solid ghost beside it; angles (rows,) deg between them."""
+    part = rr.escape_entity_path_part(name)
+    q_BN = recording.channels[f"{name}/mean"][:, 0, :4]
     yield f"world/magnified/{part}", rr.Transform3D.columns(translation=pivot, quaternion=to_lab(q_BN, lab_of_N(assembly)))
-    labels = [f"{found.model.name}: {angle:.2f} deg off" for angle in found.apart["attitude"][:, 0]]
-    yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + GHOST_OFFSET + GHOST_LABEL, labels=labels)
+    labels = [f"{name}: {angle:.2f} deg off" for angle in angles]
+    yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + size_of(assembly) * (GHOST_OFFSET + GHOST_LABEL), labels=labels)
 
 
 def _curves(found: CrossCheck) -> Iterator[Curve]:
     """Time series of the first trial."""
     plant, model, name = found.flight.states[:, 0], found.states[:, 0], found.model.name
     colour = on_dark([name])[name]
-    for quantity in QUANTITIES:
+    for quantity in found.quantities:
         values, limit = found.apart[quantity.name][:, 0], found.thresholds[quantity.name]
         with_limit = np.stack([values, np.full(len(values), limit)], axis=-1)
         unit = "relative" if quantity.unit == "1" else quantity.unit
         lines = (f"{quantity.label} [{unit}]", f"threshold {limit:.3g} [{unit}]")
         yield Curve(f"divergence/{quantity.name}", lines, (colour, ALERT), with_limit, 1.8)
-    over = np.stack([found.apart[q.name][:, 0] / found.thresholds[q.name] for q in QUANTITIES], axis=-1)
+    over = np.stack([found.apart[q.name][:, 0] / found.thresholds[q.name] for q in found.quantities], axis=-1)
     decades = np.log10(np.maximum(over, 1e-3))
-    yield Curve("decades/all", tuple(f"{q.label} [decades]" for q in QUANTITIES), EFFECTS[: len(QUANTITIES)], decades)
+    yield Curve("decades/all", tuple(f"{q.label} [decades]" for q in found.quantities), EFFECTS[: len(found.quantities)], decades)
     yield Curve("decades/threshold", ("threshold [decades]",), (ALERT,), np.zeros((len(decades), 1)), 1.2)
     for who, states, colours in ((name, model, PALE_AXES), ("plant", plant, AXES)):
         turn = np.degrees(quaternion.to_rotation_vector(states[:, :4]))
@@ -107,6 +115,8 @@ def _curves(found: CrossCheck) -> Iterator[Curve]:
         yield Curve(f"rate/{who}", tuple(f"{who} {a} [deg/s]" for a in "xyz"), colours, np.degrees(states[:, 4:7]))
         width = 1.0 if who == name else 2.0
         wheels = tuple(wheel(i) for i in range(states.shape[1] - 7))
+        if not wheels:
+            continue
         yield Curve(f"wheels/{who}", tuple(f"{who} RW{i + 1} [rpm]" for i in range(len(wheels))), wheels, RPM * states[:, 7:], width)
     sizes = size_deg(found.causes.contribution[:, :, :1])
     order = [i for i in np.argsort(-sizes[:, -1]) if sizes[i, -1] > 1e-3 * sizes[:, -1].max()]  # the others are in the table
@@ -119,7 +129,7 @@ def _curves(found: CrossCheck) -> Iterator[Curve]:
 def _events(found: CrossCheck) -> list[tuple[int, str, str]]:
     """When thresholds are passed in the first trial, (tick, level, text), in order."""
     happened = [(0, "INFO", f"plant and {found.model.name} start from one state; the same commands from now on")]
-    for quantity in QUANTITIES:
+    for quantity in found.quantities:
         limit = found.thresholds[quantity.name]
         instant = float(passes(found.apart[quantity.name][:, 0], limit, found.tick_s))
         unit = "" if quantity.unit == "1" else f" {quantity.unit}"
@@ -135,8 +145,8 @@ def _document(found: CrossCheck) -> str:
     """The tables as the terminal shows them."""
     text = io.StringIO()
     console = Console(file=text, width=80, no_color=True)
-    for table in (divergence_table, attribution_table, checks_table, failures_table):
-        console.print(table(found))
+    for table in tables(found):
+        console.print(table)
     return f"```\n{text.getvalue()}\n```\n"
 
 
@@ -150,12 +160,12 @@ def _page(found: CrossCheck, assembly: Assembly, scales: Scales, duration_s: flo
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
     scene = rrb.Spatial3DView(
-        name=f"Plant (solid), {name} (ghost beside it, wire frame over it); {str(scales).split(';', maxsplit=1)[0]}",
+        name=f"Plant (solid), {name} (ghost beside it, wire frame over it); {_arrows(assembly, scales)}",
         origin="/world",
         contents=["/world/**", f"- /{body}/outline/**"],
         background=rrb.Background(color=BACKGROUND, kind="SolidColor"),
         line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(kind="Orbital", **BOTH_BODIES),
+        eye_controls=rrb.EyeControls3D(kind="Orbital", **_eye(assembly)),
         overrides={"world/trail": trail},
     )
     log = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"])
@@ -172,11 +182,11 @@ def _page(found: CrossCheck, assembly: Assembly, scales: Scales, duration_s: flo
         name="Overview",
     )
     both = rrb.Horizontal(
-        rrb.Vertical(*(_plot(f"Divergence in {q.label}", whole, f"divergence/{q.name}") for q in QUANTITIES[:3])),
+        rrb.Vertical(*(_plot(f"Divergence in {q.label}", whole, f"divergence/{q.name}") for q in found.quantities[:3])),
         rrb.Vertical(
-            *(_plot(f"Divergence in {q.label}", whole, f"divergence/{q.name}") for q in QUANTITIES[3:]),
+            *(_plot(f"Divergence in {q.label}", whole, f"divergence/{q.name}") for q in found.quantities[3:]),
             _plot(f"Body rate [deg/s]: plant, {name} (pale)", whole, "rate/**"),
-            _plot(f"Wheel speed [rpm]: plant, {name} (thin)", whole, "wheels/**"),
+            *([_plot(f"Wheel speed [rpm]: plant, {name} (thin)", whole, "wheels/**")] if found.states.shape[-1] > 7 else []),
         ),
         name="Divergence",
     )
@@ -189,6 +199,23 @@ def _page(found: CrossCheck, assembly: Assembly, scales: Scales, duration_s: flo
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _arrows(assembly: Assembly, scales: Scales) -> str:
+    """How long arrows of momentum are."""
+    if assembly.wheel_joints:
+        return str(scales).split(";", maxsplit=1)[0]
+    return f"total momentum: 1 N m s = {scales.momentum:.2g} m"
+
+
+def _eye(assembly: Assembly) -> dict[str, Any]:
+    """The testbed's camera, for a plant of another size further away: such have wings."""
+    if stands(assembly):
+        return Camera().of(BOTH_BODIES)
+    size = size_of(assembly)
+    eye = Camera(assembly.scene.stat.center - size * CENTRE, size).of(BOTH_BODIES)
+    position, target = np.array(eye["position"]), np.array(eye["look_target"])
+    return eye | {"position": tuple(map(float, target + FURTHER * (position - target)))}
 
 
 def _plot(name: str, seconds: tuple[float, float], *contents: str, legend: str = "LeftTop") -> Any:

@@ -31,7 +31,7 @@ class UserDynamics:
     function: Callable[[Array, Array], Any]
 
     def derivative(self, state: Array, command: Array) -> Array:
-        """dx/dt; (..., n) and (..., wheels) to (..., n); raises BadInput if the file gives anything else."""
+        """dx/dt; (..., n) and (..., inputs) to (..., n); raises BadInput if the file gives anything else."""
         try:
             with np.errstate(all="ignore"):  # what is not finite is refused below, in one line
                 answer = np.asarray(self.function(state, command), dtype=float)
@@ -49,7 +49,7 @@ class UserDynamics:
 
 
 def load_user_model(path: Path, wheels: int) -> Model:
-    """Read and try the user's model; raises BadInput naming file and line."""
+    """Read and try the user's model of a body with so many wheels, or under torques (..., 3); raises BadInput naming file and line."""
     if not path.is_file():
         raise BadInput(f"--model {path}: there is no such file")
     module = ModuleType(path.stem)
@@ -64,7 +64,7 @@ def load_user_model(path: Path, wheels: int) -> Model:
         raise BadInput(f"{path}: defines no function {FUNCTION}(state, command)")
     dynamics = UserDynamics(path, function)
     lead = np.zeros((*_TRIED, 1))
-    dynamics.derivative(lead + np.concatenate([IDENTITY, np.zeros(3 + wheels)]), lead + np.zeros(wheels))
+    dynamics.derivative(lead + np.concatenate([IDENTITY, np.zeros(3 + wheels)]), lead + np.zeros(wheels or 3))
     return Model(path.stem, dynamics, f"equations of {path.name}")
 
 

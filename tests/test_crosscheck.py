@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -16,13 +17,16 @@ from models.quaternion import attitude_matrix
 from sim import command_crosscheck, model_variants, physics_checks, printed_errors
 from sim.attribution import Attribution, present, size_deg
 from sim.crosscheck import CrossCheck, examine, metrics
+from sim.crosscheck_bench import Check
+from sim.crosscheck_failure import Failure
+from sim.crosscheck_nacs import NACS
 from sim.divergence import IDEAL, divergence, kinetic_energy, momentum_N, passes, thresholds
 from sim.model_variants import NACS_MODELS
 from sim.open_loop import Change, Flight, fly, integrate, replay
-from sim.physics_checks import NACS_CHECKS, Check
+from sim.physics_checks import NACS_CHECKS
 from sim.plant import SimulationFailed, diagnose
-from sim.plant_families import FAMILIES, NACS, choose_model, family_of
-from sim.printed_errors import NACS_FAILURES, Failure
+from sim.plant_families import FAMILIES, choose_model, family_of
+from sim.printed_errors import NACS_FAILURES
 from sim.scenario import BadInput, Scenario, load
 
 QUICK = ("--trials", 1, "--set", "run.ticks=6", "--at", "0.5")
@@ -61,7 +65,7 @@ def test_faults_are_replayed_too():
         {"kind": "inertia", "inertia_kg_m2": [0.03, 0.025, 0.04, 0, 0, 0], "start_s": 1.5, "duration_s": 1},
         {"kind": "external-torque", "torque_nm": 0.005, "start_s": 0.5, "duration_s": 0.5},
     ]
-    flown = fly(load("nacs/fault-free", {"run.ticks": 31, "faults": faults}), np.arange(2))
+    flown = fly(load("nacs/fault-free", {"run.ticks": 31, "faults": faults}), np.arange(2), NACS.rig)
     np.testing.assert_array_equal(replay(flown, 31, Change()), flown.states)
     spared = replay(flown, 31, Change(no_faults=True))
     np.testing.assert_array_equal(spared[:6], flown.states[:6])
@@ -366,7 +370,7 @@ def test_the_register_names_what_it_holds():
 @pytest.fixture
 def unchecked(monkeypatch):
     """The command without physics checks, which have been made above."""
-    bare = type(NACS)(NACS.models, NACS.exact, NACS.effects, (), ())
+    bare = replace(NACS, checks=(), failures=())
     monkeypatch.setattr(command_crosscheck, "family_of", lambda _: bare)
 
 
@@ -410,7 +414,8 @@ def test_the_recording_shows_both_bodies(nacs, tmp_path, unchecked):
 
 
 def test_a_failed_check_is_exit_code_1_and_is_written(nacs, tmp_path, monkeypatch):
-    wrong = type(NACS)(NACS.models, NACS.exact, NACS.effects[:1], (lambda _: [Check("pi", "three", 0.14, 0.1, "1")],), ())
+    check = lambda _: [Check("pi", "three", 0.14, 0.1, "1")]  # noqa: E731
+    wrong = replace(NACS, effects=NACS.effects[:1], checks=(check,), failures=())
     monkeypatch.setattr(command_crosscheck, "family_of", lambda _: wrong)
     result = nacs("crosscheck", *QUICK, "--out", "it")
     assert result.code == 1
