@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from sim import families
 from sim.crosscheck import CrossCheck, examine, metrics
 from sim.crosscheck_tables import tables
 from sim.divergence import thresholds
@@ -46,6 +47,8 @@ def crosscheck(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
+    if families.family_of(name) is not None:
+        raise BadInput(f"{name} is of several agents; the cross-check is of one body")
     whole = load(name, trials, seed, overrides)
     family, loaded = family_of(whole), choose_loop(whole, loop)
     chosen = choose_model(family, model, loaded.plant)

@@ -69,10 +69,10 @@ def test_what_needs_one_loop_says_so(nacs, tmp_path: Path, arguments: tuple[str,
     assert "one [control]" in result.err
 
 
-def test_commands_of_the_testbed_refuse_other_plants(nacs) -> None:
-    result = nacs("crosscheck", "wmap/compare")
+def test_a_command_for_one_body_refuses_several(nacs) -> None:
+    result = nacs("crosscheck", "formation/fault-free")
     assert result.code == 2
-    assert "plant" in result.err
+    assert result.err == "error: formation/fault-free is of several agents; the cross-check is of one body\n"
 
 
 def test_a_trial_of_a_campaign_of_several_loops_can_be_flown_alone(nacs, tmp_path: Path) -> None:
