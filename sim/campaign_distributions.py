@@ -5,16 +5,14 @@ from __future__ import annotations
 from itertools import groupby
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from rich.table import Table
 
 from sim.campaign import Campaign
+from sim.campaign_panels import panels
 from sim.campaign_summary import Distribution
 from sim.palette import on_light
-from sim.report import STYLE
 from sim.table_style import number, plain_table
 
 COLUMNS = 4
@@ -37,25 +35,11 @@ def kept(found: list[Distribution]) -> list[Distribution]:
 
 def write_report(path: Path, campaign: Campaign, found: list[Distribution]) -> None:
     """Draw the distribution function of every metric at the first point of a campaign's grid."""
-    panels = [(metric, list(some)) for metric, some in groupby(kept(found), key=lambda d: d.metric)]
-    rows = max(1, -(-len(panels) // COLUMNS))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(13.0, 0.9 + 2.7 * rows), dpi=160, layout="constrained")
-        grid = figure.subplots(rows, COLUMNS, squeeze=False)
-        for axes in grid.flat[len(panels) :]:
-            axes.set_axis_off()
-        for axes, (metric, some) in zip(grid.flat, panels, strict=False):
+    several = [(metric, list(some)) for metric, some in groupby(kept(found), key=lambda d: d.metric)]
+    spread = ", ".join(key.rpartition(".")[2] for key in campaign.dispersion)
+    with panels(path, campaign, len(several), COLUMNS, 2.7, f"dispersed: {spread}") as every:
+        for axes, (metric, some) in zip(every, several, strict=True):
             _spread(axes, metric, some)
-        figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
-        spread = ", ".join(key.rpartition(".")[2] for key in campaign.dispersion)
-        figure.text(
-            0.01,
-            1.0 - 0.43 / figure.get_figheight(),
-            f"{campaign.scenario}, {campaign.trials} trials | dispersed: {spread}",
-            fontsize=8,
-            color="#5a6270",
-        )
-        figure.savefig(path)
 
 
 def _spread(axes: Axes, metric: str, some: list[Distribution]) -> None:

@@ -7,15 +7,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from rich.table import Table
 
 from sim.campaign import Campaign
+from sim.campaign_panels import panels
 from sim.palette import LOOP_VARIANTS
-from sim.report import STYLE
 from sim.table_style import number, plain_table
 
 COLUMNS = 3
@@ -56,25 +54,11 @@ def write_report(path: Path, campaign: Campaign, rows: list[Row]) -> None:
     """Draw every metric against the grid's longest numeric key: a colour a subject, a dash for each combination of the other keys."""
     key = abscissa(campaign)
     assert key is not None
-    panels = list(_by_metric(rows))
-    height = max(1, -(-len(panels) // COLUMNS))
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(13.0, 1.0 + 3.2 * height), dpi=160, layout="constrained")
-        grid = figure.subplots(height, min(COLUMNS, max(1, len(panels))), squeeze=False)
-        for axes in grid.flat[len(panels) :]:
-            axes.set_axis_off()
-        for axes, ((metric, phase, unit), some) in zip(grid.flat, panels, strict=False):
+    several = list(_by_metric(rows))
+    with panels(path, campaign, len(several), COLUMNS, 3.2, "lines: median of a point's trials, shaded: 5 to 95 %") as every:
+        for axes, ((metric, phase, unit), some) in zip(every, several, strict=True):
             _curves(axes, campaign, key, some)
             axes.set(title=metric + ("" if phase == "all" else f", {phase}"), xlabel=key, ylabel=f"[{unit}]")
-        figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
-        figure.text(
-            0.01,
-            1.0 - 0.43 / figure.get_figheight(),
-            f"{campaign.scenario}, {campaign.trials} trials a point | lines: median, shaded: 5 to 95 %",
-            fontsize=8,
-            color="#5a6270",
-        )
-        figure.savefig(path)
 
 
 def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row]]]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import partial
 
 from models.flexible_parameters import FlexibleParameters
+from models.panelled_body import PanelledBody
 from sim import crosscheck_free_body as free_body
 from sim.attribution import Effect
 from sim.crosscheck_conic import conic_signs
 from sim.crosscheck_family import FAULTS, PlantFamily, off
-from sim.crosscheck_panelled_body import PanelledBody
 from sim.crosscheck_panels import BENCH, PANEL_CHECKS, lock_panels, rigid_body
 from sim.model_variants import Model
 from sim.open_loop import Change
@@ -47,19 +47,7 @@ FLEXIBLE: PlantFamily[FlexibleParameters] = PlantFamily(
         off("wheel viscous friction", wheel_viscous_nms=0.0),
         FAULTS,
     ),
-    checks=tuple(
-        partial(check, BENCH)
-        for check in (
-            free_body.locked_inertia,
-            free_body.torque_free_rotor,
-            free_body.conservation,
-            free_body.constant_torque,
-            free_body.wheel_reaction,
-            free_body.friction,
-            free_body.gyroscopic_torque,
-            *PANEL_CHECKS,
-        )
-    ),
+    checks=tuple(partial(check, BENCH) for check in (*free_body.WHEELED_CHECKS, *PANEL_CHECKS)),
     failures=(conic_signs,),
     instants=INSTANTS,
 )

@@ -152,3 +152,7 @@ def gyroscopic_torque(bench: Bench[P], parameters: P) -> list[Check]:
 def torque_text(torque: float) -> str:
     """N m as a person reads it."""
     return f"{1e3 * torque:.3f} mN m" if torque < 0.1 else f"{torque:.3f} N m"
+
+
+# of bodies with reaction wheels
+WHEELED_CHECKS = (locked_inertia, torque_free_rotor, conservation, constant_torque, wheel_reaction, friction, gyroscopic_torque)

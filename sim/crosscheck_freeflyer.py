@@ -94,18 +94,7 @@ FREEFLYER: PlantFamily[FreeflyerParameters] = PlantFamily(
         off("wheel viscous friction", wheel_viscous_nms=0.0),
         FAULTS,
     ),
-    checks=tuple(
-        partial(check, BENCH)
-        for check in (
-            free_body.locked_inertia,
-            free_body.torque_free_rotor,
-            free_body.conservation,
-            free_body.constant_torque,
-            free_body.wheel_reaction,
-            free_body.friction,
-            free_body.gyroscopic_torque,
-        )
-    ),
+    checks=tuple(partial(check, BENCH) for check in free_body.WHEELED_CHECKS),
     failures=(error_kinematics,),
     instants=INSTANTS,
 )

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from models.panelled_body import PanelledBody
 from models.quaternion import IDENTITY, to_rotation_vector
 from sim import command_crosscheck, crosscheck_conic, crosscheck_freeflyer, crosscheck_panels
 from sim import crosscheck_free_body as free_body
@@ -18,7 +19,6 @@ from sim.crosscheck import CrossCheck, examine, metrics
 from sim.crosscheck_flexible import FLEXIBLE, panelled_body
 from sim.crosscheck_freeflyer import FREEFLYER
 from sim.crosscheck_monolithic import MONOLITHIC
-from sim.crosscheck_panelled_body import PanelledBody
 from sim.divergence import divergence, momentum_N, thresholds
 from sim.open_loop import Change, Flight, fly, replay
 from sim.plant_families import FAMILIES, choose_loop, choose_model, family_of
