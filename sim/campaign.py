@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from fnmatch import fnmatch
+import re
+from fnmatch import translate
 from functools import cached_property
 from typing import Annotated, Any, Literal, TypeGuard
 
@@ -71,9 +72,14 @@ class Campaign(BaseModel):
         """Settings of each point of the grid."""
         return [dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())]
 
+    @cached_property
+    def _kept(self) -> re.Pattern[str]:
+        """All patterns in one, since each metric of each shard is held against them."""
+        return re.compile("|".join(map(translate, self.metrics)) or "(?!)")
+
     def keeps(self, metric: str, phase: str) -> bool:
         """Whether a metric is kept."""
-        return any(fnmatch(metric, pattern) or fnmatch(f"{metric}@{phase}", pattern) for pattern in self.metrics)
+        return bool(self._kept.match(metric) or self._kept.match(f"{metric}@{phase}"))
 
     def at(self, point: int) -> Settings:
         """The scenario at a point of the grid; raises BadInput."""
