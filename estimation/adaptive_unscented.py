@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fading import ConstantFading, FadingLaw, Surprise
-from estimation.gaussian import Belief, innovate, joseph, no_detection
+from estimation.gaussian import Belief, corrected, innovate, joseph
 from estimation.proposals import ProcessNoise
 from estimation.state_space import StateSpace
 from estimation.unscented import UnscentedFilter
@@ -70,14 +70,11 @@ class AdaptiveUnscentedFilter:
         covariance = factor[..., None, None] * predicted.covariance + process
         innovation = innovate(covariance, residual, noise)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
-        return Belief(
-            mean=self.space.displace(predicted.mean, correction),
-            covariance=joseph(covariance, innovation.gain, noise),
-            innovation=innovation.residual,
-            nis=innovation.nis,
-            log_likelihood=innovation.log_likelihood,
-            dof=innovation.dof,
-            detection=no_detection(innovation.nis),
-            lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
-            memory=FadingMemory(factor, variance, memory.elapsed + dt),
+        return corrected(
+            self.space.displace(predicted.mean, correction),
+            joseph(covariance, innovation.gain, noise),
+            innovation,
+            belief,
+            predicted.lost,
+            FadingMemory(factor, variance, memory.elapsed + dt),
         )

@@ -86,6 +86,21 @@ def first_belief(space: StateSpace, measurement: Array, noise: Array, prior: Arr
     return Belief(mean, covariance, np.zeros(zero.shape), unknown, nothing, dof, no_detection(nothing))
 
 
+def corrected(mean: Array, covariance: Array, innovation: Innovation, before: Belief, lost: Array, memory: Any = None) -> Belief:
+    """What an unscented filter believes after a reading; `lost` (...,) is 1 where its covariance had to be repaired since `before`."""
+    return Belief(
+        mean=mean,
+        covariance=covariance,
+        innovation=innovation.residual,
+        nis=innovation.nis,
+        log_likelihood=innovation.log_likelihood,
+        dof=innovation.dof,
+        detection=no_detection(innovation.nis),
+        lost=lost if before.lost is None else before.lost + lost,
+        memory=memory,
+    )
+
+
 def no_detection(statistic: Array) -> Detection:
     """What a filter that declares no faults keeps: the statistic (...,) as it is."""
     return Detection(statistic, np.zeros(statistic.shape, dtype=bool), (np.zeros((*statistic.shape, 0)),))

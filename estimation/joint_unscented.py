@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import FadingMemory
 from estimation.fading import ConstantFading, FadingLaw, Surprise
-from estimation.gaussian import Belief, cholesky, first_belief, innovate, no_detection, symmetrize
+from estimation.gaussian import Belief, cholesky, corrected, first_belief, innovate, symmetrize
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Multiplicative
 
@@ -122,16 +122,13 @@ class JointUnscentedFilter:
         white = np.linalg.solve(root, innovation.residual[..., None])
         correction = (cross.swapaxes(-1, -2) @ white)[..., 0]
         moved = ATTITUDE.displace(motion, correction[..., :6])
-        return Belief(
-            mean=np.concatenate([moved, belief.mean[..., 7:] + correction[..., 6:]], axis=-1),
-            covariance=symmetrize(covariance - cross.swapaxes(-1, -2) @ cross),
-            innovation=innovation.residual,
-            nis=innovation.nis,
-            log_likelihood=innovation.log_likelihood,
-            dof=innovation.dof,
-            detection=no_detection(innovation.nis),
-            lost=lost if belief.lost is None else belief.lost + lost,
-            memory=FadingMemory(fading, variance, memory.elapsed + dt),
+        return corrected(
+            np.concatenate([moved, belief.mean[..., 7:] + correction[..., 6:]], axis=-1),
+            symmetrize(covariance - cross.swapaxes(-1, -2) @ cross),
+            innovation,
+            belief,
+            lost,
+            FadingMemory(fading, variance, memory.elapsed + dt),
         )
 
     def _bounded(self, covariance: Array) -> Array:

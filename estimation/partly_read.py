@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import FadingMemory
 from estimation.fading import ConstantFading, FadingLaw, Surprise
-from estimation.gaussian import Belief, innovate, no_detection, symmetrize
+from estimation.gaussian import Belief, corrected, innovate, no_detection, symmetrize
 from estimation.unscented import UnscentedFilter
 
 Array = NDArray[np.floating]
@@ -73,14 +73,11 @@ class PartlyReadFilter:
         keep = np.array(np.broadcast_to(np.eye(gain.shape[-2]), covariance.shape))
         keep[..., :read] -= gain
         after = symmetrize(keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2))
-        return Belief(
-            mean=self.unscented.space.displace(predicted.mean, (gain @ innovation.residual[..., None])[..., 0]),
-            covariance=after,
-            innovation=innovation.residual,
-            nis=innovation.nis,
-            log_likelihood=innovation.log_likelihood,
-            dof=innovation.dof,
-            detection=no_detection(innovation.nis),
-            lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
-            memory=FadingMemory(factor, variance, memory.elapsed + dt),
+        return corrected(
+            self.unscented.space.displace(predicted.mean, (gain @ innovation.residual[..., None])[..., 0]),
+            after,
+            innovation,
+            belief,
+            predicted.lost,
+            FadingMemory(factor, variance, memory.elapsed + dt),
         )

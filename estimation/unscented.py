@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Belief, first_belief, innovate, joseph, no_detection
+from estimation.gaussian import Belief, corrected, first_belief, innovate, joseph
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Additive, StateSpace
 from models.process import ProcessModel, runge_kutta
@@ -92,15 +92,12 @@ class UnscentedFilter:
         predicted = predicted._replace(covariance=predicted.covariance + self.process_noise)
         innovation = innovate(predicted.covariance, self.space.difference(measurement, predicted.mean), self.measurement_noise)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
-        return Belief(
-            mean=self.space.displace(predicted.mean, correction),
-            covariance=joseph(predicted.covariance, innovation.gain, self.measurement_noise),
-            innovation=innovation.residual,
-            nis=innovation.nis,
-            log_likelihood=innovation.log_likelihood,
-            dof=innovation.dof,
-            detection=no_detection(innovation.nis),
-            lost=predicted.lost if belief.lost is None else belief.lost + predicted.lost,
+        return corrected(
+            self.space.displace(predicted.mean, correction),
+            joseph(predicted.covariance, innovation.gain, self.measurement_noise),
+            innovation,
+            belief,
+            predicted.lost,
         )
 
     def propagate(self, belief: Belief, command: Array, dt: float) -> Predicted:

@@ -82,8 +82,8 @@ def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
         body.geoms[0].mass = parameters.mass_kg
     spec.keys[0].qpos = parameters.start[:, :2].ravel()
 
-    def refuse(inertia: Array, centre_of_mass: Array) -> MassProperties:
-        raise NotImplementedError("agents that only slide have no inertia to change")
+    def refuse(inertia: Array, centre_of_mass: Array) -> MassProperties:  # noqa: ARG001
+        raise ValueError("agents that only slide have no inertia to change")
 
     return Assembly(
         model=spec.compile(),

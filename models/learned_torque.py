@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.chebyshev_network import ChebyshevNetwork
+from models.process import runge_kutta_along
 from models.quaternion import cross_matrix
 from models.rigid_body import RigidBody
 from models.unmodelled_torque import vertical
@@ -113,11 +114,7 @@ class BodyWithLearnedTorque:
 
     def move(self, motion: Array, weights: Array, command: Array, dt: float) -> Array:
         """[q, omega] after `dt` seconds of constant command and weights (Runge-Kutta); shapes as above."""
-        k1 = self.derivative(motion, weights, command)
-        k2 = self.derivative(motion + 0.5 * dt * k1, weights, command)
-        k3 = self.derivative(motion + 0.5 * dt * k2, weights, command)
-        k4 = self.derivative(motion + dt * k3, weights, command)
-        return motion + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        return runge_kutta_along(lambda at: self.derivative(at, weights, command), motion, dt)
 
     def sensitivity(self, motion: Array, command: Array, dt: float) -> Array:
         """How weights turn and spin the body in `dt` seconds, rad and rad/s per N m; (..., 7) and (..., 2 wheels) to (..., 6, parameters).

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.chebyshev_network import ChebyshevNetwork
-from models.process import Linearization, ProcessModel
+from models.process import Linearization, ProcessModel, runge_kutta_along
 
 Array = NDArray[np.floating]
 
@@ -70,10 +70,7 @@ def runge_kutta_of_motion(process: ProcessModel, state: Array, command: Array, d
     def slope(motion: Array) -> Array:
         return np.concatenate([motion[..., 2:], process.acceleration(motion, weights, command)], axis=-1)
 
-    k1 = slope(motion)
-    k2 = slope(motion + 0.5 * dt * k1)
-    k3 = slope(motion + 0.5 * dt * k2)
-    k4 = slope(motion + dt * k3)
-    out = np.array(np.broadcast_to(state, (*k1.shape[:-1], state.shape[-1])))
-    out[..., :4] = motion + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    moved = runge_kutta_along(slope, motion, dt)
+    out = np.array(np.broadcast_to(state, (*moved.shape[:-1], state.shape[-1])))
+    out[..., :4] = moved
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -38,10 +39,15 @@ class Prediction(NamedTuple):
 
 def runge_kutta(process: ProcessModel, state: Array, command: Array, dt: float) -> Array:
     """State (..., n) after `dt` seconds of constant command, by the classical 4th-order method."""
-    k1 = process.derivative(state, command)
-    k2 = process.derivative(state + 0.5 * dt * k1, command)
-    k3 = process.derivative(state + 0.5 * dt * k2, command)
-    k4 = process.derivative(state + dt * k3, command)
+    return runge_kutta_along(lambda at: process.derivative(at, command), state, dt)
+
+
+def runge_kutta_along(slope: Callable[[Array], Array], state: Array, dt: float) -> Array:
+    """The same of any derivative, (..., n) to (..., n), of the state alone."""
+    k1 = slope(state)
+    k2 = slope(state + 0.5 * dt * k1)
+    k3 = slope(state + 0.5 * dt * k2)
+    k4 = slope(state + dt * k3)
     return state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 

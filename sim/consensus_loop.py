@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.choice import choose
 from estimation.gaussian import LostDefiniteness
 from models.agents import AGENTS, compile_agents, disturbance
 from models.chebyshev_network import ChebyshevNetwork
@@ -109,8 +109,8 @@ def fly(
         reading = truth + deviation * np.stack([source.standard_normal((AGENTS, 4)) for source in sources])
         lost = lost | (np.abs(truth) > LOST).any(axis=(-2, -1))
         if lost.any() and first is not None:  # what the learner of a lost trial does is of no interest, but must not fail
-            learned, reading = _where(lost, first, learned), _where(lost, first.motion, reading)
-            acted = _where(lost, Acted(np.zeros_like(acted.force), np.zeros_like(acted.surface)), acted)
+            learned, reading = choose(lost, first, learned), choose(lost, first.motion, reading)
+            acted = choose(lost, Acted(np.zeros_like(acted.force), np.zeros_like(acted.surface)), acted)
         try:
             learned = learning.start(reading) if learned is None else learning.step(learned, acted, reading, dt)
             first = first or learned
@@ -129,7 +129,7 @@ def fly(
         if k % inner == 0:
             row = k // inner
             for key, value in zip(channels, (truth, learned.motion, force, unknown, known), strict=True):
-                channels[key][row] = value if key == "truth" else _where(lost, np.full_like(value, np.nan), value)
+                channels[key][row] = value if key == "truth" else choose(lost, np.full_like(value, np.nan), value)
             if on_tick:
                 on_tick(row)
         moving = ~lost[:, None, None]
@@ -139,11 +139,3 @@ def fly(
 
         plant.slide(push, round(dt / step_s))
     return Flown(tick_s, trials, leader, leader_rate, channels)
-
-
-def _where(which: NDArray[np.bool_], chosen: Any, other: Any) -> Any:
-    """Of beliefs of any shape: those of the trials `which` from `chosen`, all others from `other`."""
-    if isinstance(other, tuple):
-        parts = [_where(which, *pair) for pair in zip(chosen, other, strict=True)]
-        return type(other)(*parts) if hasattr(other, "_fields") else tuple(parts)
-    return None if other is None else np.where(which.reshape(-1, *[1] * (np.ndim(other) - 1)), chosen, other)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.choice import choose
 from estimation.fading import ConstantFading, FadingLaw, StrongTracking
 from estimation.particle import ParticleFilter
 from estimation.proposals import PROPOSALS, ConstantNoise
@@ -69,23 +70,13 @@ class Observer:
             after = self.filter.step(belief, torque, measured, dt)
             lost = _lost(after.mean, reading)
             first = self.filter.initial(measured) if lost.any() else after
-        return Watched(_instead(lost, first, after) if lost.any() else after, lost)
+        return Watched(choose(lost, first, after) if lost.any() else after, lost)
 
 
 def _lost(state: Array, reading: Array) -> Flags:
     """Whether states (..., 6) are beyond what can be; (...)."""
     near = (np.abs(state[..., :3] - reading) < LOST).all(axis=-1)
     return np.logical_not(near & (np.abs(state[..., 3:]) < LOST_RATE).all(axis=-1))
-
-
-def _instead(where: Flags, new: Any, old: Any) -> Any:
-    """A belief with some agents' parts of another one; `where` (trials, agents)."""
-    if old is None:
-        return None
-    if isinstance(old, tuple):
-        parts = [_instead(where, a, b) for a, b in zip(new, old, strict=True)]
-        return type(old)(*parts) if hasattr(old, "_fields") else tuple(parts)
-    return np.where(where.reshape(*where.shape, *(1,) * (old.ndim - where.ndim)), new, old)
 
 
 def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, seed: int, trials: Trials) -> Observer:

@@ -15,6 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from models import quaternion
 from sim.palette import WHEEL_COLORS, on_light
 from sim.recording import Recording
+from sim.series import RPM
 
 Array = NDArray[np.floating]
 
@@ -37,7 +38,6 @@ STYLE = {
     "lines.linewidth": 1.1,
 }
 SMOOTHING_S = 2.0
-RPM = 60.0 / (2.0 * np.pi)
 
 
 def write_report(path: Path, name: str, title: str, recording: Recording, feedback: str) -> None:

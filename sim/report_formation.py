@@ -19,13 +19,13 @@ from sim.formation_metrics import SETTLED
 from sim.formation_settings import FormationScenario
 from sim.palette import LOOP_VARIANTS
 from sim.report import STYLE
+from sim.series import RPM
 
 Array = NDArray[np.floating]
 
 QUIET = "#5a6270"
 FAULT = "#d62839"
 SMOOTH_S = 1.0
-RPM = 2.0 * np.pi / 60.0
 MOST_ROWS = 4000  # of a line; the picture has no more points
 
 
@@ -138,7 +138,7 @@ def _turns(axes: Axes, flown: Flown) -> None:
 
 def _wheels(axes: Axes, flown: Flown) -> None:
     """Speed of each testbed's fastest wheel."""
-    fastest = np.max(np.abs(flown.channels["wheel_speed"][:, 0]), axis=-1) / RPM
+    fastest = RPM * np.max(np.abs(flown.channels["wheel_speed"][:, 0]), axis=-1)
     for number, values in enumerate(fastest.T):
         _line(axes, flown, values, color=colour(number, fastest.shape[1]), label=f"{number + 1}")
     axes.set(title=f"Fastest wheel of each testbed in {flown.loop}", ylabel="speed [rpm]", ylim=(0.0, None))

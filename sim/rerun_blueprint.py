@@ -64,6 +64,10 @@ class Page:
             plot_legend=rrb.PlotLegend(corner, visible=legend),
         )
 
+    def _run(self) -> Any:
+        document = rrb.TextDocumentView(name="Configuration", origin="/configuration")
+        return rrb.Horizontal(document, self._events(), column_shares=[50, 50], name="Run")
+
     def _time_axis(self) -> Any:
         start, end = (rr.TimeRangeBoundary.absolute(seconds=s) for s in (0.0, self.duration_s))
         return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
@@ -194,10 +198,6 @@ class Layout(Page):
             ),
             name="Consistency",
         )
-
-    def _run(self) -> Any:
-        document = rrb.TextDocumentView(name="Configuration", origin="/configuration")
-        return rrb.Horizontal(document, self._events(), column_shares=[55, 45], name="Run")
 
     def _testbed(self) -> Any:
         who = f"{self.plant}, and what {self.shown} believes; " if self.shown else f"{self.plant}; "

@@ -74,9 +74,6 @@ class ConsensusLayout(Page):
         effort = self._among("Command of all agents, length, mean over 0.5 s [N], zoomed in", "metrics/effort")
         return rrb.Vertical(effort, rrb.Grid(*views, grid_columns=3), row_shares=[30, 70], name="Control")
 
-    def _run(self) -> Any:
-        return rrb.Horizontal(rrb.TextDocumentView(name="Configuration", origin="/configuration"), self._events(), name="Run")
-
     def _among(self, name: str, path: str, legend: bool = True) -> Any:
         return self._plot(name, path, high=self.highs[path], legend=legend)
 

@@ -114,10 +114,6 @@ class FormationLayout(Page):
         plots = [self._plot(f"Wheels of {i} in {self.shown} [rpm]", f"wheels/each/{i}", legend=i == 1) for i in self.wheeled]
         return rrb.Grid(*plots, grid_columns=2 if len(plots) < 9 else 3, name="Wheels")
 
-    def _run(self) -> Any:
-        document = rrb.TextDocumentView(name="Configuration", origin="/configuration")
-        return rrb.Horizontal(document, self._events(), column_shares=[50, 50], name="Run")
-
     def _fkae(self) -> Any:
         return self._plot("Formation-keeping error, log10 of FKAE", "formation/fkae")
 

@@ -140,10 +140,6 @@ class LoopsLayout(Page):
         error = self._among("Learned minus applied torque, length, moving RMS [mN m]", "learned/error", legend=False)
         return rrb.Vertical(*torques, error, name="Learned torque")
 
-    def _run(self) -> Any:
-        document = rrb.TextDocumentView(name="Configuration", origin="/configuration")
-        return rrb.Horizontal(document, self._events(), column_shares=[50, 50], name="Run")
-
     def _angle(self) -> Any:
         return self._among("Tracking error of the body (truth), angle [deg]", "tracking/angle")
 

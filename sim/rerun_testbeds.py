@@ -23,14 +23,13 @@ from sim.rerun_formation_scene import HALF_ANGLE, MOST_LABELS, Moving, Rows, Sti
 from sim.rerun_geoms import drawn, visible_geoms
 from sim.rerun_scene import lab_of_N, to_lab, triad
 from sim.rerun_sink import entity
-from sim.series import Curve
+from sim.series import RPM, Curve
 
 Array = NDArray[np.floating]
 
 AXIS, ARROW = 0.24, 0.22  # m: of the axes, of the longest momentum of a wheel
 LINKS_ABOVE, LABEL_ABOVE = np.array([0.0, 0.0, 0.34]), np.array([0.0, 0.0, 0.46])  # m in the lab, from centres of rotation
 AIM = (0.24, 0.42)  # m along the axis out of the top: where a pointer begins and ends
-RPM = 2.0 * np.pi / 60.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def wheel_curves(flown: Flown, position: int, rows: Rows) -> Iterator[Curve]:
     wanted = modified_rodrigues.to_quaternion(flown.leader[rows, :3])
     off = np.degrees(quaternion.angle(flown.channels["q_BN"][rows, position], wanted[:, None]))
     yield Curve("agents/angle", names, own, np.log10(np.maximum(off, 1e-4)))
-    speed = flown.channels["wheel_speed"][rows, position] / RPM
+    speed = RPM * flown.channels["wheel_speed"][rows, position]
     yield Curve("wheels/fastest", names, own, np.max(np.abs(speed), axis=-1))
     for agent, each in enumerate(np.moveaxis(speed, 1, 0)):
         wheels = tuple(f"wheel {i + 1}" for i, _ in enumerate(WHEELS))

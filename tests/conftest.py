@@ -3,9 +3,10 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+from matplotlib.figure import Figure
 
 from sim import cli, terminal
 
@@ -35,3 +36,17 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
         return Outcome(code, captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Pictures that are written while the test runs."""
+    seen: list[Figure] = []
+    save = Figure.savefig
+
+    def savefig(figure: Figure, *args: Any, **settings: Any) -> None:
+        seen.append(figure)
+        save(figure, *args, **settings)
+
+    monkeypatch.setattr(Figure, "savefig", savefig)
+    return seen

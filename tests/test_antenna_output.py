@@ -243,19 +243,6 @@ def test_the_delay_in_a_response_is_that_many_ticks() -> None:
     )  # gains so low that the loop is open
 
 
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    seen: list[Figure] = []
-    save = Figure.savefig
-
-    def savefig(figure: Figure, *args: Any, **settings: Any) -> None:
-        seen.append(figure)
-        save(figure, *args, **settings)
-
-    monkeypatch.setattr(Figure, "savefig", savefig)
-    return seen
-
-
 def test_the_report_shows_what_was_flown(mapped: Flown, tmp_path: Path, figures: list[Figure]) -> None:
     write_report(tmp_path / "report.png", "antenna-mapping/boeing702", mapped.scenario, mapped.recordings)
     assert matplotlib.image.imread(tmp_path / "report.png").shape[:2] == (2010, 2100)

@@ -217,19 +217,6 @@ def test_loops_look_different_and_alike_where_they_are_alike(probe: Flown) -> No
     assert found["pd-imm"].family == found["pd-ukf"].family != found["smc-imm"].family
 
 
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    seen: list[Figure] = []
-    save = Figure.savefig
-
-    def savefig(figure: Figure, *args: Any, **settings: Any) -> None:
-        seen.append(figure)
-        save(figure, *args, **settings)
-
-    monkeypatch.setattr(Figure, "savefig", savefig)
-    return seen
-
-
 def test_the_report_of_the_probe(probe: Flown, tmp_path: Path, figures: list[Figure]) -> None:
     write_report(tmp_path / "report.png", "wmap/compare", probe.scenario, probe.recordings)
     assert matplotlib.image.imread(tmp_path / "report.png").shape[:2] == (1632, 2080)
