@@ -14,8 +14,9 @@ from unittest.mock import patch
 
 from benchmarks.measure import one_core
 from benchmarks.show import figure, table
-from sim import campaign_shard, command_campaign
-from sim.campaign_store import Store
+from sim.campaign import shard as campaign_shard
+from sim.campaign.store import Store
+from sim.cli import campaign as command_campaign
 
 NAME = "nacs-wheel-failure"
 SIZES = (50, 200)  # trials, in shards of 50

@@ -18,14 +18,14 @@ from benchmarks.show import figure, table
 from estimation.extended_kalman import ExtendedFilter
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.unscented import UnscentedFilter
-from models.nacs import NacsParameters
-from models.process import ProcessModel, predict, runge_kutta
-from models.quaternion import IDENTITY, normalize
-from models.rigid_body import RigidBody
-from models.wheel_faults import WheelFault
-from models.wheeled_body import WheeledBody
-from sim.sensors import SensorSettings
-from sim.tunings import TUNINGS
+from models.attitude.quaternion import IDENTITY, normalize
+from models.dynamics.process import ProcessModel, predict, runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.wheel_faults import WheelFault
+from models.dynamics.wheeled_body import WheeledBody
+from models.plants.nacs import NacsParameters
+from sim.estimators.tunings import TUNINGS
+from sim.sensors.sensors import SensorSettings
 
 Array = NDArray[np.floating]
 Filter = ExtendedFilter | UnscentedFilter | InteractingMultipleModel

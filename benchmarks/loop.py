@@ -13,11 +13,11 @@ from mujoco.batch import Batch
 
 from benchmarks.measure import cpu_seconds, interleave, one_core, ratio, wall_seconds
 from benchmarks.show import figure, table
-from sim.build import build
-from sim.loop import System, run
-from sim.recording import Recording
-from sim.scenario import Scenario, load
-from sim.shards import simulate_all
+from sim.campaign.blocks import simulate_all
+from sim.loop.build import build
+from sim.loop.one_body import System, run
+from sim.loop.recording import Recording
+from sim.scenario.one_body import Scenario, load
 
 NAME = "nacs/wheel-failure"
 SIZES = {1: 500, 4: 300, 16: 150, 64: 100, 256: 40, 1024: 10, 4096: 5}  # trials: ticks

@@ -12,13 +12,13 @@ import numpy as np
 
 from benchmarks.measure import cpu_seconds, interleave, one_core
 from benchmarks.show import figure, table
-from sim.build import build
-from sim.loop import run
-from sim.metrics import evaluate
-from sim.report import write_report
-from sim.rerun_sink import write_recording
-from sim.results import write_summary, write_trials
-from sim.scenario import Scenario, load
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.metrics.one_body import evaluate
+from sim.metrics.results import write_summary, write_trials
+from sim.report.page import write_report
+from sim.rerun.sink import write_recording
+from sim.scenario.one_body import Scenario, load
 
 NAME = "nacs/wheel-failure"
 ROUNDS = 5

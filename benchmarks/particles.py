@@ -17,15 +17,15 @@ from estimation.fading import StrongTracking
 from estimation.particle import Draws, ParticleFilter
 from estimation.proposals import MatchedNoise
 from estimation.unscented import UnscentedFilter
-from models.agents import AGENTS
-from models.monolithic import MonolithicParameters
-from models.planar_agent import PlanarAgent
-from models.process import runge_kutta
-from models.quaternion import IDENTITY, normalize
-from sim.consensus_learners import Acted, learner
-from sim.consensus_loop import NETWORK
-from sim.families import load
-from sim.formation_observers import observer
+from models.attitude.quaternion import IDENTITY, normalize
+from models.dynamics.planar_agent import PlanarAgent
+from models.dynamics.process import runge_kutta
+from models.plants.agents import AGENTS
+from models.plants.monolithic import MonolithicParameters
+from sim.cli.families import load
+from sim.estimators.consensus import Acted, learner
+from sim.estimators.formation import observer
+from sim.loop.consensus import NETWORK
 
 Array = NDArray[np.floating]
 Steps = Callable[[], object]

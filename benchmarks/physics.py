@@ -17,13 +17,13 @@ from scipy.integrate import solve_ivp
 from benchmarks.measure import cpu_seconds, interleave, one_core, ratio
 from benchmarks.peers.conversation import Peer, PeerMissing
 from benchmarks.show import figure, table
-from models import quaternion
-from models.assembly import Assembly
-from models.nacs import WHEELS, NacsParameters, compile_nacs
-from sim.build import build
-from sim.loop import run
-from sim.plant import Plant
-from sim.scenario import load
+from models.attitude import quaternion
+from models.plants.assembly import Assembly
+from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.plant.batch import Plant
+from sim.scenario.one_body import load
 
 Array = NDArray[np.floating]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from control.tracking import Decision, Estimate, Target
 from control.unfalsified import Memory, UnfalsifiedController
-from models import quaternion
+from models.attitude import quaternion
 
 Array = NDArray[np.floating]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.tracking import Estimate, Target, TrackingError
-from models.quaternion import cross, cross_matrix
+from models.attitude.quaternion import cross, cross_matrix
 
 Array = NDArray[np.floating]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.communication_graph import lumped_error
-from models.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 
 Array = NDArray[np.floating]
 

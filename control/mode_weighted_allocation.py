@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from control.allocation import scaled
 from control.gain_blending import blend
 from control.tracking import Estimate
-from models.wheel_faults import WheelFault, lost_axis
+from models.dynamics.wheel_faults import WheelFault, lost_axis
 
 Array = NDArray[np.floating]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from control.feed_forward import BodyModel, times
 from control.tracking import Estimate, Target, tracking_error
-from models.quaternion import align, cross, inverse, multiply
+from models.attitude.quaternion import align, cross, inverse, multiply
 
 Array = NDArray[np.floating]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from control.feed_forward import BodyModel, feed_forward, gyroscopic_coupling, times
 from control.gain_blending import blend
 from control.tracking import Estimate, Target, tracking_error
-from models.quaternion import cross
+from models.attitude.quaternion import cross
 
 Array = NDArray[np.floating]
 

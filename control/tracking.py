@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from models import quaternion
+from models.attitude import quaternion
 
 Array = NDArray[np.floating]
 

@@ -7,15 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
-from models import formation, monolithic
-from models.agents import AgentsParameters
-from models.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
-from models.formation import FormationParameters
-from models.formation_nacs import FormationNacsParameters
-from models.freeflyer import FreeflyerParameters
-from models.monolithic import MonolithicParameters
-from models.nacs import NacsParameters
-from sim.sensors import SENSOR_SETS, SensorSettings
+from models.plants import formation, monolithic
+from models.plants.agents import AgentsParameters
+from models.plants.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
+from models.plants.formation import FormationParameters
+from models.plants.formation_nacs import FormationNacsParameters
+from models.plants.freeflyer import FreeflyerParameters
+from models.plants.monolithic import MonolithicParameters
+from models.plants.nacs import NacsParameters
+from sim.sensors.sensors import SENSOR_SETS, SensorSettings
 
 
 class Documented(Protocol):
@@ -76,7 +76,7 @@ SENSOR_ROWS = "\n".join(
 MARKDOWN = f"""\
 # Parameters
 
-Printed by `docs/parameters.py` from the tables in `models/` and `sim/sensors.py`: change a number there, not here. Every key can
+Printed by `docs/parameters.py` from the tables in `models/` and `sim/sensors/sensors.py`: change a number there, not here. Every key can
 be set in a scenario (`[plant]`, `[sensors]`) or by `--set plant.mass_kg=3.4`; keys carry their unit. *Published*: McCafferty-Leroux et
 al. 2024. *Datasheet*: see the sources below. *Chosen*: unpublished, set once to a sensible value; conclusions must not hinge on it.
 

@@ -8,8 +8,8 @@ import matplotlib.image
 import mujoco
 import numpy as np
 
-from models.nacs import compile_nacs
-from models.quaternion import from_rotation_vector
+from models.attitude.quaternion import from_rotation_vector
+from models.plants.nacs import compile_nacs
 
 HERE = Path(__file__).parent
 TILT = np.radians([5.0, -4.0, 12.0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.gaussian import Belief, Detection, Innovation, first_belief, innovate, joseph, symmetrize
 from estimation.state_space import Additive, StateSpace
-from models.process import Prediction, ProcessModel, predict
+from models.dynamics.process import Prediction, ProcessModel, predict
 
 Array = NDArray[np.floating]
 

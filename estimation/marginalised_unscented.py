@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimation.rao_blackwellised import BlockBelief, BlockDraws, Joint, RaoBlackwellisedFilter
 from estimation.resampling import Resampling, multinomial
 from estimation.sigma_points import SigmaPoints, factor
-from models.process import ProcessModel, runge_kutta
+from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimation.extended_kalman import ExtendedFilter, KalmanGain
 from estimation.gaussian import Belief, Detection
 from estimation.unscented import UnscentedFilter
-from models.process import Prediction, ProcessModel
+from models.dynamics.process import Prediction, ProcessModel
 
 Array = NDArray[np.floating]
 

@@ -15,7 +15,7 @@ from estimation.proposals import Optimal, ProcessNoise, Proposal
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
 from estimation.state_space import Additive, Signed, StateSpace
 from estimation.vector_part import Measured, first_taken, taken
-from models.process import ProcessModel, runge_kutta
+from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models import quaternion
+from models.attitude import quaternion
 
 Array = NDArray[np.floating]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimation.gaussian import Belief, corrected, first_belief, innovate, joseph
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Additive, StateSpace
-from models.process import ProcessModel, runge_kutta
+from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
 

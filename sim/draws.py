@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+from pydantic import BeforeValidator, model_validator
 from scipy.special import ndtri
+
+from models.sections import Section
 
 _KINDS = ("constant", "uniform", "normal", "log_uniform", "choice")
 
 
-class Draw(BaseModel):
+class Draw(Section):
     """A number, or one of {uniform = [low, high]}, {normal = [mean, std]}, {log_uniform = [low, high]}, {choice = [...]}."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     constant: float | None = None
     uniform: tuple[float, float] | None = None

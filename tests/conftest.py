@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import pytest
 from matplotlib.figure import Figure
 
-from sim import cli, terminal
+from sim.cli import main as cli
+from sim.cli import terminal
 
 
 class Outcome(NamedTuple):

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from control.antenna_pointing import AXES
 from control.falsification import energy, values
-from models import quaternion
-from models.flexible_parameters import FlexibleParameters
-from sim.build import build
-from sim.closed_loop_identification import Bounds, IdentificationSettings, Response, multisine
-from sim.loop import run
-from sim.scenario import load
-from sim.shards import Shard, simulate
+from models.attitude import quaternion
+from models.plants.flexible_parameters import FlexibleParameters
+from sim.campaign.blocks import Shard, simulate
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.metrics.closed_loop_identification import Bounds, IdentificationSettings, Response, multisine
+from sim.scenario.one_body import load
 
 CHANNELS = ("azimuth", "elevation")
 Array = NDArray[np.floating]

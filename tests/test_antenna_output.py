@@ -16,20 +16,20 @@ from rerun.chunk import RrdReader
 from rich.console import Console
 
 from control.falsification import energy, values
-from models import quaternion
-from models.flexible_parameters import FlexibleParameters
-from sim import antenna_tables
-from sim.antenna_series import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna
-from sim.fixed_gain_loop import FixedGainLoop
-from sim.metrics import Metric
-from sim.recording import Recording
-from sim.report_antenna import write_report
-from sim.rerun_antenna import outlook
-from sim.rerun_loops import write_loops
-from sim.rerun_loops_scene import stage
-from sim.results import rows
-from sim.scenario import Scenario, load
-from sim.shards import simulate
+from models.attitude import quaternion
+from models.plants.flexible_parameters import FlexibleParameters
+from sim.campaign.blocks import simulate
+from sim.loop.recording import Recording
+from sim.metrics.fixed_gain_loop import FixedGainLoop
+from sim.metrics.one_body import Metric
+from sim.metrics.results import rows
+from sim.report.antenna import write_report
+from sim.rerun.antenna import outlook
+from sim.rerun.loops import write_loops
+from sim.rerun.loops_scene import stage
+from sim.scenario.one_body import Scenario, load
+from sim.series.antenna import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna
+from sim.tables import antenna as antenna_tables
 
 AXES = [2, 0]  # azimuth, elevation
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.catalogue import SCENARIOS
+from sim.scenario.catalogue import SCENARIOS
 
 SETTINGS = [
     ("plant.mas_kg=3", ["plant.mas_kg", "unknown key", "mass_kg"]),

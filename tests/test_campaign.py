@@ -11,17 +11,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from models.inertia import why_impossible
-from sim import campaign_shard, campaign_store
-from sim.build import build
-from sim.campaign_draws import draw
-from sim.campaign_file import CAMPAIGNS, load
-from sim.campaign_shard import FIXED_POINT, Job, fly
-from sim.campaign_summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
-from sim.loop import run
-from sim.plant import SimulationFailed
-from sim.rerun_campaign import quantiles
-from sim.scenario import BadInput
+from models.plants.inertia import why_impossible
+from sim.bad_input import BadInput
+from sim.campaign import shard as campaign_shard
+from sim.campaign import store as campaign_store
+from sim.campaign.draws import draw
+from sim.campaign.file import CAMPAIGNS, load
+from sim.campaign.shard import FIXED_POINT, Job, fly
+from sim.campaign.summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.plant.batch import SimulationFailed
+from sim.rerun.campaign import quantiles
 
 TEXT = """
 title = "short"
@@ -83,13 +84,13 @@ def test_an_interrupted_campaign_goes_on_with_what_is_missing_alone(nacs, file: 
         flown.append(job.start)
         return original(job)
 
-    monkeypatch.setattr("sim.command_campaign.fly", stops)
+    monkeypatch.setattr("sim.cli.campaign.fly", stops)
     interrupted = nacs("campaign", file, "--out", "part", "--workers", 1)
     assert interrupted.code == 130
     assert "1 of 7 trials are left" in interrupted.err
     assert flown == [0, 3]
     again: list[int] = []
-    monkeypatch.setattr("sim.command_campaign.fly", lambda job: again.append(job.start) or original(job))
+    monkeypatch.setattr("sim.cli.campaign.fly", lambda job: again.append(job.start) or original(job))
     assert nacs("campaign", file, "--out", "part", "--workers", 1, "--resume").code == 0
     assert again == [6]
     assert rows(tmp_path / "part").equals(rows(tmp_path / "whole"))
@@ -342,7 +343,7 @@ def test_workers_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, signal, sys\n"
-        "from sim.engines import processes\n"
+        "from sim.campaign.engines import processes\n"
         "if __name__ == '__main__':\n"
         "    pool = processes(1)\n"
         "    print(pool.submit(os.getpid).result(), flush=True)\n"

@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
 
-from sim.campaign_draws import picked
-from sim.campaign_file import CAMPAIGNS
-from sim.campaign_file import load as load_campaign
-from sim.campaign_shard import fly
-from sim.campaign_sweep import abscissa
-from sim.command_campaign import _jobs
-from sim.families import check, dumped, load, of
-from sim.plant import SimulationFailed
+from sim.campaign.draws import picked
+from sim.campaign.file import CAMPAIGNS
+from sim.campaign.file import load as load_campaign
+from sim.campaign.shard import fly
+from sim.cli.campaign import _jobs
+from sim.cli.families import check, dumped, load, of
+from sim.plant.batch import SimulationFailed
+from sim.report.campaign.sweep import abscissa
 
 SHORT = """
 [override]

@@ -5,9 +5,9 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from control.adaptive_network_law import AdaptiveNetworkLaw
-from models.chebyshev_network import ChebyshevNetwork
-from models.planar_agent import PlanarAgent, runge_kutta_of_motion
-from models.process import runge_kutta
+from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
+from models.dynamics.process import runge_kutta
 
 NETWORK = ChebyshevNetwork()
 AGENT = PlanarAgent(NETWORK, 2.0)

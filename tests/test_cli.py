@@ -10,11 +10,11 @@ import pytest
 
 from estimation import extended_kalman
 from estimation.gaussian import LostDefiniteness
-from sim import shards
-from sim.build import build
-from sim.loop import run
-from sim.plant import Plant, SimulationFailed
-from sim.scenario import load
+from sim.campaign import blocks as shards
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.plant.batch import Plant, SimulationFailed
+from sim.scenario.one_body import load
 
 QUICK = ("--set", "run.ticks=30", "--set", "faults=[]")
 

@@ -14,15 +14,15 @@ from estimation.partly_read import PartlyReadFilter
 from estimation.proposals import ConstantNoise
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
-from models.agents import AgentsParameters, compile_agents
-from models.chebyshev_network import ChebyshevNetwork
-from models.planar_agent import PlanarAgent, runge_kutta_of_motion
-from sim.consensus_family import FAMILY
-from sim.consensus_loop import fly, unknown_force
-from sim.consensus_metrics import absolute_error, dynamics_error, relative_error
-from sim.consensus_plant import AgentsPlant
-from sim.consensus_series import happenings
-from sim.results import rows
+from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
+from models.plants.agents import AgentsParameters, compile_agents
+from sim.cli.consensus import FAMILY
+from sim.loop.consensus import fly, unknown_force
+from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
+from sim.metrics.results import rows
+from sim.plant.planar_agents import AgentsPlant
+from sim.series.consensus import happenings
 
 FOLDER = Path(__file__).resolve().parents[1] / "sim" / "scenarios" / "consensus"
 NAMES = ("fault-free", "dynamics", "disturbance", "command-fault")

@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import chi2
 
 from estimation.consistency import average_bounds, average_test, normalized_squared, whiteness
-from sim.build import build
-from sim.loop import run
-from sim.scenario import load
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.scenario.one_body import load
 
 TRIALS, DOF = 50, 10
 

@@ -9,10 +9,10 @@ from hypothesis.extra.numpy import arrays
 from control.allocation import PseudoInverseAllocation
 from control.proportional_derivative import ProportionalDerivative
 from control.tracking import Estimate, Target, tracking_error
-from models.nacs import NacsParameters
-from models.process import runge_kutta
-from models.quaternion import IDENTITY, angle, attitude_matrix, from_rotation_vector, multiply, normalize, xi
-from sim.references import Sinusoid
+from models.attitude.quaternion import IDENTITY, angle, attitude_matrix, from_rotation_vector, multiply, normalize, xi
+from models.dynamics.process import runge_kutta
+from models.plants.nacs import NacsParameters
+from sim.scenario.references import Sinusoid
 
 NACS = NacsParameters()
 BODY = NACS.process(coupled=True)

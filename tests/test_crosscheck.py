@@ -12,22 +12,25 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from models.nacs import compile_nacs
-from models.quaternion import attitude_matrix
-from sim import command_crosscheck, model_variants, physics_checks, printed_errors
-from sim.attribution import Attribution, present, size_deg
-from sim.crosscheck import CrossCheck, examine, metrics
-from sim.crosscheck_bench import Check
-from sim.crosscheck_failure import Failure
-from sim.crosscheck_nacs import NACS
-from sim.divergence import IDEAL, divergence, kinetic_energy, momentum_N, passes, thresholds
-from sim.model_variants import NACS_MODELS
-from sim.open_loop import Change, Flight, fly, integrate, replay
-from sim.physics_checks import NACS_CHECKS
-from sim.plant import SimulationFailed, diagnose
-from sim.plant_families import FAMILIES, choose_model, family_of
-from sim.printed_errors import NACS_FAILURES
-from sim.scenario import BadInput, Scenario, load
+from models.attitude.quaternion import attitude_matrix
+from models.plants.nacs import compile_nacs
+from sim.bad_input import BadInput
+from sim.cli import crosscheck as command_crosscheck
+from sim.crosscheck import model_variants
+from sim.crosscheck.attribution import Attribution, present, size_deg
+from sim.crosscheck.bench import Check
+from sim.crosscheck.divergence import IDEAL, divergence, kinetic_energy, momentum_N, passes, thresholds
+from sim.crosscheck.failure import Failure
+from sim.crosscheck.kinds import physics_checks, printed_errors
+from sim.crosscheck.kinds.nacs import NACS
+from sim.crosscheck.kinds.physics_checks import NACS_CHECKS
+from sim.crosscheck.kinds.printed_errors import NACS_FAILURES
+from sim.crosscheck.model_variants import NACS_MODELS
+from sim.crosscheck.open_loop import Change, Flight, fly, integrate, replay
+from sim.crosscheck.register import FAMILIES, choose_model, family_of
+from sim.crosscheck.study import CrossCheck, examine, metrics
+from sim.plant.batch import SimulationFailed, diagnose
+from sim.scenario.one_body import Scenario, load
 
 QUICK = ("--trials", 1, "--set", "run.ticks=6", "--at", "0.5")
 DOCUMENT = Path(__file__).parents[1] / "docs" / "crosscheck.md"

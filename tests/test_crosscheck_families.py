@@ -10,19 +10,23 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.panelled_body import PanelledBody
-from models.quaternion import IDENTITY, to_rotation_vector
-from sim import command_crosscheck, crosscheck_conic, crosscheck_freeflyer, crosscheck_panels
-from sim import crosscheck_free_body as free_body
-from sim.attribution import HELD, MODEL_STEP
-from sim.crosscheck import CrossCheck, examine, metrics
-from sim.crosscheck_flexible import FLEXIBLE, panelled_body
-from sim.crosscheck_freeflyer import FREEFLYER
-from sim.crosscheck_monolithic import MONOLITHIC
-from sim.divergence import divergence, momentum_N, thresholds
-from sim.open_loop import Change, Flight, fly, replay
-from sim.plant_families import FAMILIES, choose_loop, choose_model, family_of
-from sim.scenario import BadInput, Scenario, load
+from models.attitude.quaternion import IDENTITY, to_rotation_vector
+from models.plants.panelled_body import PanelledBody
+from sim.bad_input import BadInput
+from sim.cli import crosscheck as command_crosscheck
+from sim.crosscheck.attribution import HELD, MODEL_STEP
+from sim.crosscheck.divergence import divergence, momentum_N, thresholds
+from sim.crosscheck.kinds import conic as crosscheck_conic
+from sim.crosscheck.kinds import free_body
+from sim.crosscheck.kinds import freeflyer as crosscheck_freeflyer
+from sim.crosscheck.kinds import panels as crosscheck_panels
+from sim.crosscheck.kinds.flexible import FLEXIBLE, panelled_body
+from sim.crosscheck.kinds.freeflyer import FREEFLYER
+from sim.crosscheck.kinds.monolithic import MONOLITHIC
+from sim.crosscheck.open_loop import Change, Flight, fly, replay
+from sim.crosscheck.register import FAMILIES, choose_loop, choose_model, family_of
+from sim.crosscheck.study import CrossCheck, examine, metrics
+from sim.scenario.one_body import Scenario, load
 
 FLOAT = {"kind": "float", "wheel": 1, "start_s": 3.0, "duration_s": 3.0}
 SHORT = {  # scenario, what is changed, instants

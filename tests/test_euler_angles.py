@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import TypeAdapter, ValidationError
 
-from models.euler_angles import from_euler_313, to_euler_313, wrapped_difference
-from models.quaternion import angle, attitude_matrix, inverse, multiply, normalize, to_rotation_vector
-from sim.references import EulerRates, ReferenceSettings
+from models.attitude.euler_angles import from_euler_313, to_euler_313, wrapped_difference
+from models.attitude.quaternion import angle, attitude_matrix, inverse, multiply, normalize, to_rotation_vector
+from sim.scenario.references import EulerRates, ReferenceSettings
 
 SCAN = EulerRates(type="euler-rates", nutation_deg=22.5, precession_rev_h=1.0, spin_rpm=0.464)
 FAST = EulerRates(type="euler-rates", nutation_deg=70.0, precession_rev_h=-90.0, spin_rpm=5.0, start_deg=(40.0, -100.0))

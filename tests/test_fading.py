@@ -9,9 +9,9 @@ from estimation.gaussian import Belief
 from estimation.proposals import ConstantNoise, MatchedNoise, ProcessNoise
 from estimation.state_space import Additive, Signed
 from estimation.unscented import UnscentedFilter
-from models.process import runge_kutta
-from models.quaternion import IDENTITY, angle
-from models.rigid_body import RigidBody
+from models.attitude.quaternion import IDENTITY, angle
+from models.dynamics.process import runge_kutta
+from models.dynamics.rigid_body import RigidBody
 
 INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])  # of Rososhansky (2017); its filters believe the diagonal
 BODY, MODEL = (RigidBody(inertia, np.eye(3), np.zeros((3, 0))) for inertia in (INERTIA, np.diag(np.diag(INERTIA))))

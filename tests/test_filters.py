@@ -19,9 +19,9 @@ from estimation.nis_switching import Fading, SwitchedGain, Windowed
 from estimation.sliding_innovation import SlidingGain, sliding_gain
 from estimation.stacking import stack
 from estimation.state_space import Additive, Multiplicative
-from models.nacs import NacsParameters
-from models.process import Linearization, Prediction, predict, runge_kutta
-from models.quaternion import IDENTITY, angle, normalize, xi
+from models.attitude.quaternion import IDENTITY, angle, normalize, xi
+from models.dynamics.process import Linearization, Prediction, predict, runge_kutta
+from models.plants.nacs import NacsParameters
 
 DT = 0.1
 RNG = np.random.default_rng

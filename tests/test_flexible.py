@@ -8,12 +8,12 @@ import pytest
 from pydantic import ValidationError
 from scipy.linalg import eigh, expm
 
-from models.assembly import ImpossibleInertia
-from models.flexible import MJCF, PANELS, WHEELS, compile_flexible, prepare_flexible
-from models.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
-from models.inertia import tensor
-from models.quaternion import IDENTITY, normalize
-from sim.plant import Plant, Truth, diagnose
+from models.attitude.quaternion import IDENTITY, normalize
+from models.plants.assembly import ImpossibleInertia
+from models.plants.flexible import MJCF, PANELS, WHEELS, compile_flexible, prepare_flexible
+from models.plants.flexible_parameters import FLEXIBLE_SETS, FlexibleParameters
+from models.plants.inertia import tensor
+from sim.plant.batch import Plant, Truth, diagnose
 
 SETS = tuple(FLEXIBLE_SETS)
 every_set = pytest.mark.parametrize("name", SETS)

@@ -11,23 +11,23 @@ from pydantic import ValidationError
 from control.communication_graph import CommunicationGraph, lumped_error
 from control.formation_law import FormationLaw, Gains
 from estimation.leader_acceleration import LeaderAccelerationFilter
-from models import modified_rodrigues
-from models.assembly import ImpossibleInertia
-from models.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, compile_formation, prepare_formation
-from models.inertia import tensor, why_impossible
-from models.process import runge_kutta
-from models.quaternion import attitude_matrix
-from sim.catalogue import SCENARIOS
-from sim.formation_family import FAMILY
-from sim.formation_faults import schedule
-from sim.formation_loop import apart_squared, fly, formation_angle, push
-from sim.formation_metrics import settling_time
-from sim.formation_network import Network
-from sim.formation_observers import observer
-from sim.formation_plant import FormationPlant
+from models.attitude import modified_rodrigues
+from models.attitude.quaternion import attitude_matrix
+from models.dynamics.process import runge_kutta
+from models.plants.assembly import ImpossibleInertia
+from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, compile_formation, prepare_formation
+from models.plants.inertia import tensor, why_impossible
+from sim.cli.formation import FAMILY
+from sim.estimators.formation import observer
+from sim.faults.formation import schedule
 from sim.formation_randomness import Blocks
-from sim.formation_settings import STARTS, FormationScenario, GraphSettings
-from sim.results import rows
+from sim.loop.formation import apart_squared, fly, formation_angle, push
+from sim.metrics.formation import settling_time
+from sim.metrics.results import rows
+from sim.network.messages import Network
+from sim.plant.formation import FormationPlant
+from sim.scenario.catalogue import SCENARIOS
+from sim.scenario.formation import STARTS, FormationScenario, GraphSettings
 
 FILES = sorted((SCENARIOS / "formation").glob("*.toml"))
 TRUTH = {"truth": {"feedback": "truth"}}

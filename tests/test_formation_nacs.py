@@ -7,25 +7,25 @@ import pytest
 from pydantic import ValidationError
 
 from control.formation_law import FormationLaw
-from models import modified_rodrigues
-from models.attitude_by_rodrigues import AttitudeByRodrigues
-from models.formation_nacs import FormationNacsParameters, compile_testbeds
-from models.inertia import point_mass
-from models.nacs import WHEELS, NacsParameters, compile_nacs
-from models.process import runge_kutta
-from models.quaternion import attitude_matrix
-from sim import families
-from sim.catalogue import SCENARIOS
-from sim.formation_drives import Drives
-from sim.formation_family import FAMILY
-from sim.formation_faults import schedule
-from sim.formation_loop import fly
-from sim.formation_plant import FormationPlant, compile_agents, formation_plant
-from sim.formation_settings import FormationScenario
-from sim.plant import Plant, Truth
-from sim.results import rows
-from sim.scenario import BadInput
-from sim.sensors import SENSOR_SETS
+from models.attitude import modified_rodrigues
+from models.attitude.quaternion import attitude_matrix
+from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.process import runge_kutta
+from models.plants.formation_nacs import FormationNacsParameters, compile_testbeds
+from models.plants.inertia import point_mass
+from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
+from sim.bad_input import BadInput
+from sim.cli import families
+from sim.cli.formation import FAMILY
+from sim.controllers.drives import Drives
+from sim.faults.formation import schedule
+from sim.loop.formation import fly
+from sim.metrics.results import rows
+from sim.plant.batch import Plant, Truth
+from sim.plant.formation import FormationPlant, compile_agents, formation_plant
+from sim.scenario.catalogue import SCENARIOS
+from sim.scenario.formation import FormationScenario
+from sim.sensors.sensors import SENSOR_SETS
 
 FILE = SCENARIOS / "formation" / "nacs.toml"
 TRUTH = {"truth": {"feedback": "truth"}}
@@ -250,7 +250,7 @@ def test_the_law_is_told_what_the_wheels_hold():
 def test_a_filter_that_is_told_what_the_wheels_hold_knows_the_rates_better(monkeypatch):
     described = scenario(ticks=150, loops={"truth": {"feedback": "truth", "watching": ["aukf"]}})
     told = flown(described).figures["aukf/velocity_squared"][20:].mean()
-    monkeypatch.setattr("sim.formation_drives.TACHOMETER", SENSOR_SETS["bench"].model_copy(update={"wheel_full_scale_rad_s": 1e-9}))
+    monkeypatch.setattr("sim.controllers.drives.TACHOMETER", SENSOR_SETS["bench"].model_copy(update={"wheel_full_scale_rad_s": 1e-9}))
     untold = flown(described).figures["aukf/velocity_squared"][20:].mean()
     assert told < 0.9 * untold
 

@@ -6,12 +6,12 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
-from models.assembly import ImpossibleInertia
-from models.freeflyer import MJCF, WHEELS, FreeflyerParameters, compile_freeflyer
-from models.inertia import tensor
-from models.quaternion import IDENTITY, angle, attitude_matrix, normalize
-from models.wheel_faults import WheelFault, lost_axis
-from sim.plant import Plant
+from models.attitude.quaternion import IDENTITY, angle, attitude_matrix, normalize
+from models.dynamics.wheel_faults import WheelFault, lost_axis
+from models.plants.assembly import ImpossibleInertia
+from models.plants.freeflyer import MJCF, WHEELS, FreeflyerParameters, compile_freeflyer
+from models.plants.inertia import tensor
+from sim.plant.batch import Plant
 
 TICK = 0.1  # s
 START = np.concatenate([normalize(np.array([0.1, -0.2, 0.3, 0.9])), [0.01, 0.01, 0.0486], [100.0, -50.0, 80.0, 30.0]])  # 0.464 rpm about z

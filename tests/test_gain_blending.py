@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from control.gain_blending import blend
 from control.proportional_derivative import ProportionalDerivative
 from control.tracking import Estimate, Target
-from models.quaternion import IDENTITY, normalize
+from models.attitude.quaternion import IDENTITY, normalize
 
 RNG = np.random.default_rng(12)
 GAINS = {"scalars": RNG.random(3), "vectors": RNG.random((3, 3)), "matrices": RNG.random((3, 3, 3)), "oblong": RNG.random((3, 2, 5))}

@@ -11,11 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 from rerun.chunk import RrdReader
 
-from sim.build import build
-from sim.guests import Guests
-from sim.loop import run
-from sim.recording import Recording
-from sim.scenario import load
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.scenario.one_body import load
+from sim.user_code.guests import Guests
 
 DOCS = Path(__file__).parents[1] / "docs"
 FILTER = f"{DOCS / 'examples' / 'complementary_filter.py'}:ComplementaryFilter"
@@ -179,7 +179,7 @@ WRONG_FILTERS = {
 def test_a_wrong_filter_is_one_line_before_anything_runs(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     text, wanted = WRONG_FILTERS[what]
     (tmp_path / "mine.py").write_text(text)
-    monkeypatch.setattr("sim.command_run.simulate_all", None)  # a run would fail on this
+    monkeypatch.setattr("sim.cli.run.simulate_all", None)  # a run would fail on this
     gaps = ("--set", "sensors.dropout_probability=0.1") if what == "gap" else ()
     result = nacs("run", *QUICK, *gaps, "--observer", "mine.py:Mine")
     assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
@@ -209,7 +209,7 @@ WRONG_LAWS = {
 def test_a_wrong_law_is_one_line_before_anything_runs(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     text, wanted = WRONG_LAWS[what]
     (tmp_path / "mine.py").write_text(text)
-    monkeypatch.setattr("sim.command_run.simulate_all", None)
+    monkeypatch.setattr("sim.cli.run.simulate_all", None)
     result = nacs("run", *QUICK, "--controller", "mine.py:Mine")
     assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
     for part in wanted:

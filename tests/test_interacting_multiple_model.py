@@ -15,11 +15,11 @@ from estimation.modes import join
 from estimation.sliding_innovation import SlidingGain
 from estimation.state_space import Additive, Euclidean, Multiplicative
 from estimation.unscented import UnscentedFilter
-from models.nacs import NacsParameters
-from models.process import Linearization, Prediction, runge_kutta
-from models.quaternion import IDENTITY, angle
-from models.rigid_body import RigidBody
-from models.wheel_faults import WheelFault
+from models.attitude.quaternion import IDENTITY, angle
+from models.dynamics.process import Linearization, Prediction, runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.wheel_faults import WheelFault
+from models.plants.nacs import NacsParameters
 
 DT = 0.1
 RNG = np.random.default_rng

@@ -16,21 +16,22 @@ from estimation.fading import StrongTracking
 from estimation.joint_unscented import JointUnscentedFilter
 from estimation.state_space import Multiplicative
 from estimation.unscented import UnscentedFilter
-from models import quaternion
-from models.learned_torque import BodyWithLearnedTorque, TorqueBasis
-from models.nacs import NacsParameters, compile_nacs
-from models.rigid_body import RigidBody
-from models.unmodelled_torque import UnmodelledTorque, vertical
-from sim.build import build
-from sim.learned_series import learned_curves, learners
-from sim.loop import run
-from sim.loop_series import flights
-from sim.metrics import evaluate
-from sim.plant import Plant
-from sim.recording import Recording
-from sim.replay import choose
-from sim.scenario import BadInput, Scenario, load
-from sim.shards import simulate
+from models.attitude import quaternion
+from models.dynamics.learned_torque import BodyWithLearnedTorque, TorqueBasis
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.unmodelled_torque import UnmodelledTorque, vertical
+from models.plants.nacs import NacsParameters, compile_nacs
+from sim.bad_input import BadInput
+from sim.campaign.blocks import simulate
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.metrics.one_body import evaluate
+from sim.plant.batch import Plant
+from sim.replay.filters_over_log import choose
+from sim.scenario.one_body import Scenario, load
+from sim.series.learned import learned_curves, learners
+from sim.series.loops import flights
 
 Array = NDArray[np.floating]
 

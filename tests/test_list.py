@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sim.campaign_file import CAMPAIGNS
-from sim.catalogue import FAMILIES, SCENARIOS, families, scenario_names, title
+from sim.campaign.file import CAMPAIGNS
+from sim.scenario.catalogue import FAMILIES, SCENARIOS, families, scenario_names, title
 
 
 def blocks(text: str) -> dict[str, list[str]]:

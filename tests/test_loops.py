@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from models import quaternion
-from models.euler_angles import from_euler_313
-from sim.build import build
-from sim.loop import run
-from sim.metrics import evaluate
-from sim.scenario import load
-from sim.shards import simulate
+from models.attitude import quaternion
+from models.attitude.euler_angles import from_euler_313
+from sim.campaign.blocks import simulate
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.metrics.one_body import evaluate
+from sim.scenario.one_body import load
 
 MODES = "[[],[{kind='float',wheel=1}]]"
 WRONG = [

@@ -15,22 +15,22 @@ from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 from scipy.stats import chi2
 
-from models import quaternion
-from sim import rerun_loops_scene
-from sim.build import build
-from sim.loop import run
-from sim.loop_events import lanes
-from sim.loop_looks import looks
-from sim.loop_series import flights, running_rms
-from sim.metrics import evaluate
-from sim.plant import diagnose
-from sim.plants import compile_plant
-from sim.recording import Recording
-from sim.report_loops import write_report
-from sim.rerun_loops import write_loops
-from sim.rerun_loops_scene import stage
-from sim.rerun_sink import write_recording
-from sim.scenario import Scenario, load
+from models.attitude import quaternion
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.metrics.one_body import evaluate
+from sim.plant.batch import diagnose
+from sim.plant.kinds import compile_plant
+from sim.report.loops import write_report
+from sim.rerun import loops_scene as rerun_loops_scene
+from sim.rerun.loops import write_loops
+from sim.rerun.loops_scene import stage
+from sim.rerun.sink import write_recording
+from sim.scenario.one_body import Scenario, load
+from sim.series.events import lanes
+from sim.series.line_styles import looks
+from sim.series.loops import flights, running_rms
 
 TICKS, ONSET = 40, 20
 FLOAT = {"kind": "float", "wheel": 1, "start_s": 2.0, "duration_s": 2.0}

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.nacs import compile_nacs
-from models.quaternion import from_rotation_vector
-from sim.fault_schedule import Occurrence
-from sim.metrics import evaluate, phases
-from sim.recording import Recording
+from models.attitude.quaternion import from_rotation_vector
+from models.plants.nacs import compile_nacs
+from sim.faults.timeline import Occurrence
+from sim.loop.recording import Recording
+from sim.metrics.one_body import evaluate, phases
 
 TICKS, TRIALS = 40, 2
 

@@ -6,8 +6,8 @@ import pytest
 from control.allocation import PseudoInverseAllocation
 from control.mode_weighted_allocation import ModeWeightedAllocation
 from control.tracking import Estimate
-from models.quaternion import IDENTITY
-from models.wheels import pyramid
+from models.attitude.quaternion import IDENTITY
+from models.plants.wheels import pyramid
 
 AXES = pyramid()
 HEALTH = np.array([[1.0, 1, 1, 1], [0, 1, 1, 1], [1, 0.25, 1, 1]])  # healthy, wheel 1 dead, wheel 2 weak

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from models import modified_rodrigues, quaternion
-from models.attitude_by_rodrigues import AttitudeByRodrigues
-from models.formation import FormationParameters
-from models.process import runge_kutta
-from models.rigid_body import RigidBody
+from models.attitude import modified_rodrigues, quaternion
+from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.process import runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.plants.formation import FormationParameters
 
 vectors = hnp.arrays(np.float64, (3,), elements=st.floats(-3.0, 3.0, width=32))
 
@@ -38,7 +38,7 @@ def test_they_are_scipy_s():
 
 
 def test_the_published_starts_are_turns_of_up_to_286_degrees():
-    from sim.formation_settings import STARTS  # noqa: PLC0415
+    from sim.scenario.formation import STARTS  # noqa: PLC0415
 
     length = np.linalg.norm(np.array(STARTS), axis=-1)
     np.testing.assert_allclose(length, [2.0, 0.8, 2.8, 1.2, 3.0, 2.4], atol=1e-12)

@@ -6,12 +6,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj
 
-from models.assembly import ImpossibleInertia
-from models.inertia import principal, tensor
-from models.monolithic import INERTIA_SETS, MJCF, MonolithicParameters, compile_monolithic
-from models.quaternion import IDENTITY, angle, attitude_matrix
-from models.rigid_body import RigidBody
-from sim.plant import Dispersion, Plant, diagnose
+from models.attitude.quaternion import IDENTITY, angle, attitude_matrix
+from models.dynamics.rigid_body import RigidBody
+from models.plants.assembly import ImpossibleInertia
+from models.plants.inertia import principal, tensor
+from models.plants.monolithic import INERTIA_SETS, MJCF, MonolithicParameters, compile_monolithic
+from sim.plant.batch import Dispersion, Plant, diagnose
 
 INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])
 VECTOR = np.array([-0.6, 0.4, -0.2])

@@ -5,18 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from models import quaternion
-from models.inertia import tensor
-from models.monolithic import MonolithicParameters
-from sim.build import build
-from sim.claims import gyroless
-from sim.loop import run
-from sim.metrics import Metric, evaluate
-from sim.particle_observer import DrawBlocks
-from sim.plant import diagnose
-from sim.recording import Recording
-from sim.results import Row, rows
-from sim.scenario import load
+from models.attitude import quaternion
+from models.plants.inertia import tensor
+from models.plants.monolithic import MonolithicParameters
+from sim.estimators.particle_observer import DrawBlocks
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.metrics.claims import gyroless
+from sim.metrics.one_body import Metric, evaluate
+from sim.metrics.results import Row, rows
+from sim.plant.batch import diagnose
+from sim.scenario.one_body import load
 
 TICK = 0.01
 FILTERS = ("aukf-printed", "aukf-matched", "pf-printed", "pf-matched", "mekf")
@@ -156,7 +156,7 @@ def test_a_trial_is_the_same_in_any_company(loop: str):
 def test_a_particle_filter_draws_the_same_numbers_however_many_at_a_time(monkeypatch: pytest.MonkeyPatch):
     settings = ("pf", 3, np.array([0, 5]), 20, 7, True)
     many = DrawBlocks(*settings)
-    monkeypatch.setattr("sim.particle_observer.BLOCK_NUMBERS", 2000)
+    monkeypatch.setattr("sim.estimators.particle_observer.BLOCK_NUMBERS", 2000)
     few = DrawBlocks(*settings)
     for _ in range(30):
         for one, other in zip(many.following(), few.following(), strict=True):

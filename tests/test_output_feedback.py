@@ -7,9 +7,9 @@ from control.feed_forward import BodyModel
 from control.output_feedback import OutputFeedback, sig
 from control.torque_limit import AxisLimited
 from control.tracking import Controller, Estimate, Target, tracking_error
-from models.process import runge_kutta
-from models.quaternion import IDENTITY, from_rotation_vector, multiply, normalize
-from models.rigid_body import RigidBody
+from models.attitude.quaternion import IDENTITY, from_rotation_vector, multiply, normalize
+from models.dynamics.process import runge_kutta
+from models.dynamics.rigid_body import RigidBody
 
 INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])
 BELIEVED = BodyModel(np.diag(np.diag(INERTIA)), np.zeros((3, 0)))

@@ -8,9 +8,9 @@ from estimation.particle import Draws, ParticleBelief, ParticleFilter, moments
 from estimation.proposals import PROPOSALS, Bootstrap, ConstantNoise, MatchedNoise, Optimal
 from estimation.resampling import SCHEMES, multinomial
 from estimation.state_space import Additive, Euclidean, Multiplicative
-from models.process import Linearization, runge_kutta
-from models.quaternion import IDENTITY, angle
-from models.rigid_body import RigidBody
+from models.attitude.quaternion import IDENTITY, angle
+from models.dynamics.process import Linearization, runge_kutta
+from models.dynamics.rigid_body import RigidBody
 
 every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
 

@@ -5,18 +5,18 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from control.tracking import Estimate, Target
-from models.quaternion import error, from_rotation_vector, inverse, multiply, to_rotation_vector
+from models.attitude.quaternion import error, from_rotation_vector, inverse, multiply, to_rotation_vector
 from sim import randomness
-from sim.build import build
 from sim.draws import Draw, Number
-from sim.fault_schedule import schedule
-from sim.loop import run
-from sim.plant import Truth, diagnose
+from sim.faults.timeline import schedule
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.plant.batch import Truth, diagnose
 from sim.randomness import Stream
-from sim.recording import Recording
-from sim.references import Hold, Sinusoid
-from sim.scenario import load
-from sim.sensors import SENSOR_SETS, SensorArrays, Sensors, SensorSettings, draw_noise
+from sim.scenario.one_body import load
+from sim.scenario.references import Hold, Sinusoid
+from sim.sensors.sensors import SENSOR_SETS, SensorArrays, Sensors, SensorSettings, draw_noise
 
 # references --------------------------------------------------------------------------------------------------------------------
 

@@ -6,11 +6,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
-from models.assembly import Assembly, ImpossibleInertia
-from models.inertia import tensor
-from models.nacs import BALANCE_MASSES, MJCF, WHEELS, NacsParameters, compile_nacs
-from models.quaternion import IDENTITY, angle, attitude_matrix, from_rotation_vector, normalize
-from sim.plant import Plant, SimulationFailed, diagnose
+from models.attitude.quaternion import IDENTITY, angle, attitude_matrix, from_rotation_vector, normalize
+from models.plants.assembly import Assembly, ImpossibleInertia
+from models.plants.inertia import tensor
+from models.plants.nacs import BALANCE_MASSES, MJCF, WHEELS, NacsParameters, compile_nacs
+from sim.plant.batch import Plant, SimulationFailed, diagnose
 
 FREE = {"wheel_coulomb_nm": 0.0, "wheel_viscous_nms": 0.0, "bearing_viscous_nms": 0.0}
 WEIGHTLESS = FREE | {"gravity_m_s2": 0.0, "centre_of_mass_um": (0.0, 0.0, 0.0)}

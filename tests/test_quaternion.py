@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from models import quaternion as qt
+from models.attitude import quaternion as qt
 
 ROUNDING = 1e-14  # a dozen operations on numbers of order one
 

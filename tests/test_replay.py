@@ -12,13 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimation.consistency import average_test
-from sim.build import build
-from sim.flight_log import STATES, export, read
-from sim.guests import Guests
-from sim.loop import run
-from sim.recording import Recording
-from sim.replay import choose, estimates, judge, replay, setting
-from sim.scenario import load
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
+from sim.replay.flight_log import STATES, export, read
+from sim.scenario.one_body import load
+from sim.user_code.guests import Guests
 
 TRIALS = np.array([2, 5, 6])
 GAPS = {

@@ -10,16 +10,16 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from models import quaternion
-from models.assembly import Assembly
-from sim.build import build
-from sim.loop import System, run
-from sim.plant import diagnose
-from sim.recording import Recorder, Recording
-from sim.rerun_live import LiveStream
-from sim.rerun_scene import GHOST_OFFSET
-from sim.rerun_sink import write_recording
-from sim.scenario import load
+from models.attitude import quaternion
+from models.plants.assembly import Assembly
+from sim.loop.build import build
+from sim.loop.one_body import System, run
+from sim.loop.recording import Recorder, Recording
+from sim.plant.batch import diagnose
+from sim.rerun.live import LiveStream
+from sim.rerun.scene import GHOST_OFFSET
+from sim.rerun.sink import write_recording
+from sim.scenario.one_body import load
 
 TICKS = 60
 PUSH = {"kind": "external-torque", "torque_nm": 0.01, "start_s": 2.0, "duration_s": 1.0}
@@ -185,7 +185,7 @@ def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypa
     class Accepting:
         def close(self) -> None: ...
 
-    monkeypatch.setattr("sim.rerun_live.socket.create_connection", lambda *_, **__: Accepting())
+    monkeypatch.setattr("sim.rerun.live.socket.create_connection", lambda *_, **__: Accepting())
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda stream, _, default_blueprint: stream.save(path, default_blueprint))
     loop, configuration = system(1)
     with LiveStream("nacs/disturbance", loop, configuration) as live:

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from models.freeflyer import FreeflyerParameters
-from models.nacs import NacsParameters
-from models.process import predict, runge_kutta
-from models.quaternion import attitude_matrix, normalize
-from models.rigid_body import RigidBody
-from models.wheel_faults import WheelFault, lost_axis, stack
-from models.wheeled_body import WheeledBody
-from models.wheels import crossed, pyramid
+from models.attitude.quaternion import attitude_matrix, normalize
+from models.dynamics.process import predict, runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.wheel_faults import WheelFault, lost_axis, stack
+from models.dynamics.wheeled_body import WheeledBody
+from models.plants.freeflyer import FreeflyerParameters
+from models.plants.nacs import NacsParameters
+from models.plants.wheels import crossed, pyramid
 
 W, J_W = crossed(), 0.1
 SKEW = np.array([[399.0, 12.0, -7.0], [12.0, 377.0, 5.0], [-7.0, 5.0, 340.0]])

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from sim.build import build
-from sim.catalogue import scenario_names
-from sim.families import family_of
-from sim.loop import run
-from sim.metrics import evaluate
-from sim.scenario import load
+from sim.cli.families import family_of
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.metrics.one_body import evaluate
+from sim.scenario.catalogue import scenario_names
+from sim.scenario.one_body import load
 
 HYBRIDS = ("nis-windowed", "nis-fading")
 

@@ -10,10 +10,10 @@ from control.proportional_derivative import ProportionalDerivative
 from control.sliding_mode import SlidingMode
 from control.torque_limit import AxisLimited
 from control.tracking import Controller, Estimate, Target, TrackingError, tracking_error
-from models.process import runge_kutta
-from models.quaternion import cross, from_rotation_vector, multiply, normalize, xi
-from models.wheeled_body import WheeledBody
-from sim.references import Sinusoid
+from models.attitude.quaternion import cross, from_rotation_vector, multiply, normalize, xi
+from models.dynamics.process import runge_kutta
+from models.dynamics.wheeled_body import WheeledBody
+from sim.scenario.references import Sinusoid
 
 R = np.sqrt(0.5)
 PYRAMID = np.array([[R, -R, 0.0, 0.0], [R, R, R, R], [0.0, 0.0, R, -R]])  # eq. 11 and table 1

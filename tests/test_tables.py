@@ -7,9 +7,9 @@ import pytest
 from rich.table import Table
 from scipy.stats import chi2
 
-from sim.metrics import Metric
-from sim.results import rows
-from sim.tables import estimators
+from sim.metrics.one_body import Metric
+from sim.metrics.results import rows
+from sim.tables.one_body import estimators
 
 TRIALS = 4
 

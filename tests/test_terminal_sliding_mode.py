@@ -5,7 +5,7 @@ import pytest
 
 from control.communication_graph import CommunicationGraph, lumped_error
 from control.terminal_sliding_mode import TerminalSlidingMode, signed_power
-from models.agents import AgentsParameters, disturbance
+from models.plants.agents import AgentsParameters, disturbance
 
 GRAPH = CommunicationGraph.of(6, ((1, 2, 0.7), (2, 3, 0.6), (3, 4, 0.7), (4, 5, 0.8), (5, 6, 0.9)), ((1, 0.8), (6, 0.9)))
 LAW = TerminalSlidingMode(GRAPH)

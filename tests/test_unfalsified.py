@@ -13,7 +13,7 @@ from control import conics
 from control.candidate_controllers import CandidateSearch
 from control.falsification import DAMPING_PARABOLA, Specification, energy, tightened, values
 from control.unfalsified import Events, Memory, UnfalsifiedController
-from sim.antenna_reference import AntennaCuts, antenna_mapping
+from sim.scenario.antenna_reference import AntennaCuts, antenna_mapping
 
 INERTIA = np.array([6000.0, 15000.0])  # kg m2, azimuth and elevation, hub and panel
 HELD = 2 * np.pi * 0.070  # rad/s, the panel's mode with the hub held

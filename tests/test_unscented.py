@@ -11,10 +11,10 @@ from estimation.gaussian import Belief, LostDefiniteness
 from estimation.sigma_points import SigmaPoints, factor, repair
 from estimation.state_space import Additive, Euclidean, Multiplicative
 from estimation.unscented import UnscentedFilter, euler
-from models.nacs import NacsParameters
-from models.process import Prediction, runge_kutta
-from models.quaternion import IDENTITY, angle
-from models.rigid_body import RigidBody
+from models.attitude.quaternion import IDENTITY, angle
+from models.dynamics.process import Prediction, runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.plants.nacs import NacsParameters
 
 DT = 0.1
 RNG = np.random.default_rng

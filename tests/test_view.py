@@ -10,10 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim import families, formation_loop
-from sim.agents_motion import FIRST, motion
-from sim.formation_plant import compile_agents
-from sim.plant import Plant
+from sim.cli import families
+from sim.loop import formation as formation_loop
+from sim.loop.agents_motion import FIRST, motion
+from sim.plant.batch import Plant
+from sim.plant.formation import compile_agents
 
 ONE = ("--set", "run.ticks=4", "--set", "faults=[]")
 
@@ -50,8 +51,8 @@ def windows(monkeypatch):
     passive.launch_passive = launch
     monkeypatch.setitem(sys.modules, "mujoco.viewer", passive)
     monkeypatch.setattr(mujoco, "viewer", passive, raising=False)
-    monkeypatch.delitem(sys.modules, "sim.viewer", raising=False)
-    from sim import viewer  # noqa: PLC0415  # with that window
+    monkeypatch.delitem(sys.modules, "sim.cli.viewer", raising=False)
+    from sim.cli import viewer  # noqa: PLC0415  # with that window
 
     monkeypatch.setattr(viewer, "time", SimpleNamespace(perf_counter=lambda: 0.0, sleep=lambda _: None))
     monkeypatch.setenv("DISPLAY", ":0")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models.assembly import ImpossibleInertia
-from models.nacs import NacsParameters, compile_nacs
-from models.process import predict, predict_euler, runge_kutta
-from models.quaternion import attitude_matrix, normalize
-from models.wheeled_body import DRAG_SMOOTHING, WheeledBody
+from models.attitude.quaternion import attitude_matrix, normalize
+from models.dynamics.process import predict, predict_euler, runge_kutta
+from models.dynamics.wheeled_body import DRAG_SMOOTHING, WheeledBody
+from models.plants.assembly import ImpossibleInertia
+from models.plants.nacs import NacsParameters, compile_nacs
 
 NACS = NacsParameters(wheel_coulomb_nm=1e-4, wheel_viscous_nms=2e-6)
 KINDS = {

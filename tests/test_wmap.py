@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.scenario import load
-from sim.shards import simulate
+from sim.campaign.blocks import simulate
+from sim.scenario.one_body import load
 
 LOOPS = ("pd-ukf", "pd-imm", "smc-ukf", "smc-imm", "pd-imm-realloc", "smc-imm-realloc")
 Values = dict[tuple[str, str, str], NDArray[np.floating]]

@@ -17,10 +17,10 @@ from filterpy.kalman import (  # type: ignore[import-untyped]  # has no types
 from numpy.typing import NDArray
 
 from benchmarks.peers.conversation import Arrays, answer
-from models.process import ProcessModel, predict, runge_kutta
-from models.rigid_body import RigidBody
-from models.wheel_faults import WheelFault
-from models.wheeled_body import WheeledBody
+from models.dynamics.process import ProcessModel, predict, runge_kutta
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.wheel_faults import WheelFault
+from models.dynamics.wheeled_body import WheeledBody
 
 Array = NDArray[np.floating]
 

@@ -19,8 +19,8 @@ from stonesoup.types.state import GaussianState  # type: ignore[import-untyped] 
 from stonesoup.updater.kalman import ExtendedKalmanUpdater  # type: ignore[import-untyped]  # the same
 
 from benchmarks.peers.conversation import Arrays, answer
-from models.process import predict
-from models.wheeled_body import WheeledBody
+from models.dynamics.process import predict
+from models.dynamics.wheeled_body import WheeledBody
 
 START = datetime(2024, 1, 1)  # any
 

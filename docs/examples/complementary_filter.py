@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.state_space import Multiplicative
-from models.process import runge_kutta
+from models.dynamics.process import runge_kutta
 
 SPACE = Multiplicative()  # differences of states, the attitude's as a rotation vector
 

@@ -2,7 +2,7 @@
 
 from control.proportional_derivative import ProportionalDerivative
 from control.tracking import tracking_error
-from models.quaternion import cross
+from models.attitude.quaternion import cross
 
 
 def times(matrix, vector):

@@ -1,0 +1,1 @@
+"""Attitude mathematics: quaternions, modified Rodrigues parameters, Euler angles."""

@@ -1,0 +1,1 @@
+"""The plants: MJCF, its compilation, and parameters with their provenance."""

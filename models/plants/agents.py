@@ -1,0 +1,101 @@
+"""Six agents that slide in a plane: their unknown dynamics, each number with its provenance, and the compilation of agents.xml."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.dynamics.planar_agent import PlanarAgent
+from models.plants import provenance
+from models.plants.assembly import Assembly, MassProperties
+from models.plants.provenance import known
+from models.sections import Positive, Section, Sextuple
+
+Array = NDArray[np.floating]
+
+MJCF = Path(__file__).with_name("agents.xml")
+AGENTS = 6
+
+Pair = tuple[float, float]
+Six = Sextuple
+
+
+class AgentsParameters(Section):
+    """Every number of the agents; `json_schema_extra` of a field holds its unit and provenance."""
+
+    type: Literal["agents"] = "agents"
+    mass_kg: Positive = known(1.0, "of each agent", "kg", "published (eq. 5.1, 5.2: acceleration is force)")
+    stiffness: float = known(4.0, "factor of the unknown dynamics", "N/m", "published (eq. 5.30)")
+    h1: Six = known((0.6, -0.2, 0.4, -0.3, 0.5, 0.5), "of each agent, of v1", "s/m", "published (table 5.1)")
+    h2: Six = known((0.3, 0.4, -0.4, -0.7, -0.2, -0.5), "of each agent, of v2", "s/m", "published (table 5.1)")
+    position_m: tuple[Pair, Pair, Pair, Pair, Pair, Pair] = known(
+        ((1.0, 0.5), (1.8, -0.2), (0.2, -1.2), (-0.1, 1.2), (-0.6, 1.8), (1.0, -1.7)),
+        "of each agent at t = 0, at rest",
+        "m",
+        "published (table 5.2)",
+    )
+    step_s: Positive = known(
+        0.002,
+        "physics step (RK4), over which the force at its middle is held",
+        "s",
+        "chosen by measurement: docs/consensus.md",
+    )
+
+    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Rows (name, value, unit, meaning, provenance) of every parameter."""
+        return provenance.table(self)
+
+    @cached_property
+    def start(self) -> Array:
+        """[x, v] of every agent at t = 0, (agents, 4)."""
+        return np.concatenate([np.array(self.position_m), np.zeros((AGENTS, 2))], axis=-1)
+
+    def unknown_force(self, state: Array, gain: Array) -> Array:
+        """f_i of eq. 5.30, its two components multiplied by `gain`; [x, v] (..., agents, 4) and (..., 2) to (..., agents, 2) N."""
+        first = state[..., 1] * np.sin(0.25 * np.pi + 0.5 * np.array(self.h1) * state[..., 2])
+        second = state[..., 0] * np.cos(0.5 * np.array(self.h2) * state[..., 3])
+        return self.stiffness * gain * np.stack([first, second], axis=-1)
+
+
+def disturbance(time: Array | float, amplitude: Array | float, frequency: Array | float) -> Array:
+    """d_i = amplitude [sin(frequency i t), cos(frequency i t)] of eq. 5.31; (...,) to (..., agents, 2) N."""
+    angle = np.asarray(frequency * time)[..., None] * np.arange(1, AGENTS + 1)
+    return np.asarray(amplitude)[..., None, None] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+
+
+def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
+    """Compile the agents; they have neither an attitude nor wheels."""
+    parameters = parameters or AgentsParameters()
+    spec = mujoco.MjSpec.from_file(str(MJCF))
+    spec.option.timestep = parameters.step_s
+    for body in spec.bodies[1:]:
+        body.geoms[0].mass = parameters.mass_kg
+    spec.keys[0].qpos = parameters.start[:, :2].ravel()
+
+    def refuse(inertia: Array, centre_of_mass: Array) -> MassProperties:  # noqa: ARG001
+        raise ValueError("agents that only slide have no inertia to change")
+
+    return Assembly(
+        model=spec.compile(),
+        draw=spec.compile,
+        attitude_joints=(),
+        wheel_joints=(),
+        wheel_actuators=(),
+        wheel_axes=np.zeros((3, 0)),
+        wheel_torque_limit=np.inf,
+        wheel_speed_limit=np.inf,
+        wheel_inertia=0.0,
+        inertia=np.zeros((3, 3)),
+        centre_of_mass=np.zeros(3),
+        wheel_friction=0.0,
+        process=PlanarAgent(ChebyshevNetwork(), parameters.mass_kg),
+        reassemble=refuse,
+        keyframe="start",
+    )

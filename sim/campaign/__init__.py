@@ -1,0 +1,1 @@
+"""Thousands of dispersed trials: drawn, flown in blocks, stored and summed up."""

@@ -1,0 +1,67 @@
+"""Campaign files: found, read and checked with all their points."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from sim.bad_input import BadInput
+from sim.campaign.draws import check
+from sim.campaign.settings import Campaign
+from sim.scenario.one_body import Scenario
+from sim.scenario.validation import first_complaint
+
+CAMPAIGNS = Path(__file__).with_name("campaigns")
+
+_DISTRIBUTIONS = {"constant", "uniform", "normal", "log_uniform", "choice"}
+
+
+def load(path: Path) -> Campaign:
+    """Read and check a campaign file with all its points; raises BadInput."""
+    if not path.is_file():
+        raise BadInput(f"no campaign file {path}")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as broken:
+        raise BadInput(f"{path}: cannot be read as TOML: {broken}") from None
+    for section in ("override", "dispersion", "grid"):
+        if isinstance(data.get(section), dict):
+            data[section] = dict(_flat(data[section], section))
+    scenario = data.get("scenario")
+    if isinstance(scenario, str) and scenario.endswith(".toml") and not Path(scenario).is_absolute():
+        data["scenario"] = str(path.parent / scenario)
+    try:
+        campaign = Campaign.model_validate(data)
+    except ValidationError as invalid:
+        raise BadInput(f"{path}: {first_complaint(invalid, data, Scenario)}") from None
+    for point in range(len(campaign.points)):
+        try:
+            base = campaign.at(point)
+        except BadInput as wrong:
+            raise BadInput(f"{path}: {wrong}") from None
+        check(campaign, base, path)
+    return campaign
+
+
+def is_campaign(name: str) -> bool:
+    """Whether a name on the command line is that of a campaign file: one that names a scenario instead of being one."""
+    path = Path(name)
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    try:
+        return "scenario" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+        return False
+
+
+def _flat(node: dict[str, Any], section: str, prefix: str = "") -> list[tuple[str, Any]]:
+    """Dotted keys of nested tables; a distribution is a leaf."""
+    out: list[tuple[str, Any]] = []
+    for key, value in node.items():
+        name = f"{prefix}{key}"
+        leaf = not isinstance(value, dict) or (section == "dispersion" and (not value or bool(set(value) & _DISTRIBUTIONS)))
+        out += [(name, value)] if leaf else _flat(value, section, f"{name}.")
+    return out

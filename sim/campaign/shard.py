@@ -1,0 +1,212 @@
+"""One block of a campaign's trials: drawn, flown, evaluated and turned into tables that do not depend on how trials are cut into blocks."""
+
+from __future__ import annotations
+
+import json
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from models.attitude import quaternion
+from sim.bad_input import BadInput
+from sim.campaign.blocks import Shard, simulate
+from sim.campaign.draws import alone, draw, picked
+from sim.campaign.settings import Campaign, batched
+from sim.cli import families
+from sim.cli.families import Settings
+from sim.loop.build import build
+from sim.loop.one_body import run
+from sim.loop.recording import Recording
+from sim.metrics.one_body import Metric, evaluate
+from sim.plant.batch import SimulationFailed
+from sim.scenario.one_body import Scenario
+
+Array = NDArray[np.floating]
+
+BAND_EVERY_TICKS = 10
+BINS_PER_DECADE, LOWEST_DECADE, BINS = 40, -8, 640
+FIXED_POINT = 2**20  # sums of whole numbers are the same in any order
+LARGEST = 1e6  # so that a million trials fit into 63 bits
+
+
+class Job(NamedTuple):
+    """A block of trials at a point of the grid, as it is sent to a worker."""
+
+    campaign: str  # JSON
+    scenario: str  # JSON, of the point
+    point: int
+    start: int
+    stop: int
+
+
+class Tables(NamedTuple):
+    """What a block gives: metrics trial by trial, and over its trials counts and whole-number sums."""
+
+    point: int
+    start: int
+    metrics: pa.Table  # point, trial, seed, subject, metric, phase, unit, value, reason
+    bands: pa.Table  # quantity, observer, tick, bin, count
+    consistency: pa.Table  # statistic, observer, tick, total, count
+
+
+def fly(job: Job) -> Tables:
+    """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
+    campaign = Campaign.model_validate_json(job.campaign)
+    scenario = families.check(json.loads(job.scenario), f"point {job.point}", {})
+    trials = np.arange(job.start, job.stop)
+    if not batched(scenario):
+        return _fly_as_scenarios(job, campaign, scenario, trials)
+    drawn = draw(campaign, scenario, trials)
+    alive, failures = np.arange(len(trials)), dict[int, str]()
+    recording: Recording | None = None
+    found: list[Metric] = []
+    while len(alive):
+        variants = drawn.variants.only(alive)
+        system = build(scenario, trials[alive], variants=variants)
+        try:
+            recording = run(system)
+            found = evaluate(recording, system.plant.assembly)
+            break
+        except SimulationFailed as failure:
+            failures[failure.trial] = str(failure)
+            alive = alive[trials[alive] != failure.trial]
+    kept = [m for m in found if campaign.keeps(m.metric, m.phase)]
+    metrics = _tidy(job.point, campaign, trials, drawn.values, drawn.redrawn, trials[alive], kept, failures)
+    return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
+
+
+def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: Settings, trials: NDArray[np.int64]) -> Tables:
+    """Simulate each trial as a scenario of its own, all at once if nothing is dispersed; no bands: loops differ in observers."""
+    values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
+    for group in trials[:, None] if campaign.dispersion else [trials]:
+        values += [list(picked(campaign, int(trial)).values()) for trial in group]
+        try:
+            shards = _simulate(alone(campaign, scenario, int(group[0])), group)
+        except BadInput as impossible:
+            failures[int(group[0])] = str(impossible)
+            continue
+        for shard in shards:
+            if shard.failure:
+                failures[int(shard.trials[0])] = shard.failure
+            for metric in shard.metrics:
+                if campaign.keeps(metric.metric, metric.phase):
+                    found.setdefault(metric[:4], {}).update(zip(shard.trials.tolist(), metric.values.tolist(), strict=True))
+    alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
+    metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
+    drawn_values = np.array(values).reshape(len(trials), -1)
+    rows = _tidy(job.point, campaign, trials, drawn_values, np.zeros(len(trials), dtype=np.int64), alive, metrics, failures)
+    return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
+
+
+def _simulate(scenario: Settings, trials: NDArray[np.int64]) -> list[Shard]:
+    """Trials of a scenario of any kind; if one of them fails, each again by itself."""
+    nobody, family = np.zeros(0, dtype=np.int64), families.of(scenario)
+    if family is None:
+        assert isinstance(scenario, Scenario)
+        whole = simulate(scenario, trials, nobody)
+    else:
+        try:
+            whole = Shard(trials, family.simulate(scenario, trials, nobody, None)[0], {})
+        except SimulationFailed as failure:
+            whole = Shard(trials, [], {}, str(failure))
+    if whole.failure is None or len(trials) == 1:
+        return [whole]
+    return [shard for one in trials[:, None] for shard in _simulate(scenario, one)]
+
+
+METRIC_SCHEMA = pa.schema(
+    [
+        ("point", pa.int32()),
+        ("trial", pa.int64()),
+        ("seed", pa.int64()),
+        ("subject", pa.string()),
+        ("metric", pa.string()),
+        ("phase", pa.string()),
+        ("unit", pa.string()),
+        ("value", pa.float64()),
+        ("reason", pa.string()),
+    ]
+)
+
+
+def _tidy(
+    point: int,
+    campaign: Campaign,
+    trials: NDArray[np.int64],
+    drawn: Array,
+    redrawn: NDArray[np.int64],
+    alive: NDArray[np.int64],
+    metrics: list[Metric],
+    failures: dict[int, str],
+) -> pa.Table:
+    """Rows trial by trial: what it drew, whether it failed, and the metrics that apply to it."""
+    values = np.stack([m.values for m in metrics], axis=-1) if metrics else np.zeros((len(alive), 0))  # (trials, metrics)
+    place = {int(trial): i for i, trial in enumerate(alive)}
+    rows: list[tuple[int, str, str, str, str, float, str | None]] = []
+    for i, trial in enumerate(int(t) for t in trials):
+        rows += [(trial, "draw", key, "all", "", float(v), None) for key, v in zip(campaign.dispersion, drawn[i], strict=True)]
+        if redrawn[i]:
+            rows.append((trial, "draw", "redrawn", "all", "1", float(redrawn[i]), "impossible plant"))
+        reason = failures.get(trial)
+        rows.append((trial, "loop", "failed", "all", "1", float(reason is not None), reason))
+        if trial in place:
+            own = values[place[trial]]
+            rows += [(trial, *metrics[j][:4], float(own[j]), None) for j in np.flatnonzero(np.isfinite(own))]
+    columns = list(zip(*rows, strict=True))
+    constant = [[point] * len(rows), columns[0], [campaign.seed] * len(rows), *columns[1:]]
+    return pa.table([pa.array(c, t) for c, t in zip(constant, METRIC_SCHEMA.types, strict=True)], schema=METRIC_SCHEMA)
+
+
+def band_quantities(recording: Recording) -> dict[tuple[str, str], Array]:
+    """Positive quantities whose spread over trials is kept, (ticks, trials), by (quantity, observer)."""
+    truth = recording.channels["truth/state"][::BAND_EVERY_TICKS]
+    out: dict[tuple[str, str], Array] = {}
+    desired = recording.channels["reference/q"][::BAND_EVERY_TICKS, None]
+    out["tracking_error_deg", "loop"] = np.degrees(quaternion.angle(truth[..., :4], desired))
+    for name in recording.observers:
+        mean = recording.channels[f"{name}/mean"][::BAND_EVERY_TICKS]
+        out["attitude_error_deg", name] = np.degrees(quaternion.angle(mean[..., :4], truth[..., :4]))
+        out["rate_error_rad_s", name] = np.sqrt(np.sum((mean[..., 4:7] - truth[..., 4:7]) ** 2, axis=-1))
+        limits = recording.thresholds[name]
+        if limits is not None:
+            out["statistic_over_threshold", name] = recording.channels[f"{name}/statistic"][::BAND_EVERY_TICKS] / limits[0]
+    return out
+
+
+def bin_values(bins: NDArray[np.int64] | Array) -> Array:
+    """Middle of each logarithmic bin; fractions lie between."""
+    return 10.0 ** (LOWEST_DECADE + (bins + 0.5) / BINS_PER_DECADE)
+
+
+def _bands(recording: Recording | None) -> pa.Table:
+    """Histograms over trials at every tenth tick, in logarithmic bins."""
+    parts: list[dict[str, object]] = []
+    for (quantity, observer), values in (band_quantities(recording) if recording is not None else {}).items():
+        scaled = BINS_PER_DECADE * (np.log10(np.maximum(values, 10.0**LOWEST_DECADE)) - LOWEST_DECADE)
+        index = np.clip(np.floor(scaled), 0, BINS - 1).astype(np.int64) + BINS * np.arange(len(values))[:, None]
+        cell, count = np.unique(index, return_counts=True)
+        part = {"tick": BAND_EVERY_TICKS * (cell // BINS), "bin": cell % BINS, "count": count}
+        parts.append({"quantity": [quantity] * len(cell), "observer": [observer] * len(cell), **part})
+    return _concatenate(parts, ("quantity", "observer", "tick", "bin", "count"))
+
+
+def _consistency(recording: Recording | None) -> pa.Table:
+    """Sums over trials of NEES and NIS at every tick, in whole numbers."""
+    parts: list[dict[str, object]] = []
+    for name in recording.observers if recording is not None else ():
+        for statistic in ("nees", "nis"):
+            assert recording is not None
+            values = recording.channels[f"{name}/{statistic}"]
+            known = np.isfinite(values)
+            total = np.sum(np.round(FIXED_POINT * np.minimum(np.where(known, values, 0.0), LARGEST)).astype(np.int64), axis=1)
+            ticks = np.arange(len(values))
+            part = {"tick": ticks, "total": total, "count": known.sum(axis=1)}
+            parts.append({"statistic": [statistic] * len(ticks), "observer": [name] * len(ticks), **part})
+    return _concatenate(parts, ("statistic", "observer", "tick", "total", "count"))
+
+
+def _concatenate(parts: list[dict[str, object]], names: tuple[str, ...]) -> pa.Table:
+    schema = pa.schema([(n, pa.string() if n in ("quantity", "observer", "statistic") else pa.int64()) for n in names])
+    return pa.concat_tables([pa.table(part, schema=schema) for part in parts]) if parts else schema.empty_table()

@@ -1,0 +1,113 @@
+"""`nacs crosscheck`: how far an analytic model is from the plant, from when on, and why."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from sim.bad_input import BadInput
+from sim.cli import families
+from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, how_to_open, load, out, output_folder
+from sim.crosscheck.divergence import thresholds
+from sim.crosscheck.register import choose_loop, choose_model, family_of
+from sim.crosscheck.study import CrossCheck, examine, metrics
+from sim.metrics.results import write_summary
+from sim.plant.batch import SimulationFailed
+from sim.plant.kinds import compile_plant
+from sim.scenario.one_body import Scenario
+from sim.tables.crosscheck import tables
+
+CHECK_FAILED = 1
+FILES = ("crosscheck.rrd", "crosscheck.png", "summary.json")
+
+
+def crosscheck(
+    name: Name = "nacs/fault-free",
+    model: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VARIANT|FILE.py", help="of the testbed eq9-10 (default), exact, printed-..., or a file of yours, which is run"
+        ),
+    ] = None,
+    loop: Annotated[
+        str | None, typer.Option(metavar="NAME", help="whose control flies it, of a scenario of several loops; default: the first")
+    ] = None,
+    at: Annotated[list[float] | None, typer.Option(metavar="SECONDS", help="instant of attribution (may be repeated)")] = None,
+    limits: Annotated[
+        list[str] | None, typer.Option("--threshold", metavar="QUANTITY=VALUE", help="attitude (deg), rate, wheel, momentum or energy")
+    ] = None,
+    trials: Annotated[int, typer.Option(help="trials over which shares are averaged")] = 4,
+    seed: Seed = None,
+    folder: Annotated[Path | None, typer.Option("--out", help="folder for the results; default: a new one under runs/")] = None,
+    overrides: Overrides = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
+) -> None:
+    """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
+    if families.family_of(name) is not None:
+        raise BadInput(f"{name} is of several agents; the cross-check is of one body")
+    whole = load(name, trials, seed, overrides)
+    family, loaded = family_of(whole), choose_loop(whole, loop)
+    chosen = choose_model(family, model, loaded.plant)
+    wanted = thresholds(loaded, limits or [])
+    instants = _instants(loaded, at, family.instants)
+    target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
+    started = time.perf_counter()
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=err, transient=True, disable=not err.is_terminal
+    ) as bar:
+        task = bar.add_task("")
+        try:
+            found = examine(
+                loaded,
+                family,
+                chosen,
+                wanted,
+                instants,
+                lambda what, done, of: bar.update(task, description=what, completed=done, total=of),
+            )
+        except SimulationFailed as failure:
+            err.print(f"error: {failure}; nothing was written")
+            raise typer.Exit(FAILED) from None
+    wall = time.perf_counter() - started
+    _write(target, name, loaded, found, wall)
+    out.print(f"[bold]Cross-check of {chosen.name}[/] with {name}: {loaded.title}\n")
+    for table in tables(found):
+        out.print(table)
+    out.print(f"Picture    {target / 'crosscheck.png'}\nRecording  {target / 'crosscheck.rrd'}")
+    out.print(f"Open it    {how_to_open(target / 'crosscheck.rrd')}", soft_wrap=True)
+    if not found.passed:
+        err.print("a check fails, or something printed does not fail as it must: see the tables", style="red")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _instants(loaded: Scenario, at: list[float] | None, usual: tuple[float, ...]) -> tuple[float, ...]:
+    last, tick_s = (loaded.run.ticks - 1) * loaded.run.tick_s, loaded.run.tick_s
+    if last < tick_s:
+        raise BadInput("run.ticks: a cross-check needs two ticks or more")
+    if at is None:
+        return tuple(s for s in usual if tick_s <= s <= last) or (last,)
+    for instant in at:
+        if not (math.isfinite(instant) and tick_s / 2 < instant <= last + 1e-9):
+            raise BadInput(f"--at {instant:g}: must lie between {tick_s:g} s and the last tick, {last:g} s")
+    return tuple(at)
+
+
+def _write(target: Path, name: str, loaded: Scenario, found: CrossCheck, wall: float) -> None:
+    from sim.report.crosscheck import write_picture  # Matplotlib and Rerun take a second to import
+    from sim.rerun.crosscheck import write_crosscheck
+
+    target.mkdir(parents=True, exist_ok=True)
+    for old in FILES:
+        (target / old).unlink(missing_ok=True)
+    run = loaded.run
+    write_summary(
+        target / "summary.json", name, run.seed, run.trials, wall, run.tick_s * run.ticks * run.trials, metrics(found),
+        model=found.model.name, thresholds=found.thresholds, passed=found.passed,
+    )  # fmt: skip
+    write_picture(target / "crosscheck.png", name, found)
+    write_crosscheck(target / "crosscheck.rrd", name, found, compile_plant(loaded.plant), loaded.model_dump(mode="json", exclude_none=True))

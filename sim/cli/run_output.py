@@ -1,0 +1,116 @@
+"""What `nacs run` leaves in a folder and says in the end, of one body or of several agents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn, Protocol
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from sim.bad_input import BadInput
+from sim.cli.terminal import FAILED, INTERRUPTED, err, how_to_open, out
+from sim.metrics.one_body import Metric
+from sim.metrics.results import write_summary, write_trials
+from sim.scenario.one_body import RunSettings
+
+RECORDING, REPORT, LOG = "recording.rrd", "report.png", "log.parquet"
+SUMMARY, TRIALS = "summary.json", "trials.parquet"
+
+
+class Flyable(Protocol):
+    """What all scenarios have."""
+
+    @property
+    def title(self) -> str:
+        """What it shows."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Equation, table or figure that it comes from."""
+        ...
+
+    @property
+    def run(self) -> RunSettings:
+        """How long, how often, from which seed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """A run that is over, wholly or in part.
+
+    Attributes:
+      name: of the scenario, as it was asked for.
+      scenario: its settings.
+      loops: closed loops flown on each trial.
+      wanted: how many trials were asked for.
+      trials: numbers of those that were finished.
+      metrics: of those.
+      wall_s: what it took.
+      failure: why it ended early, if it did by itself.
+      stopped: whether the user ended it.
+    """
+
+    name: str
+    scenario: Flyable
+    loops: int
+    wanted: int
+    trials: NDArray[np.int64]
+    metrics: list[Metric]
+    wall_s: float
+    failure: str | None
+    stopped: bool
+
+    @property
+    def simulated_s(self) -> float:
+        """Time of flight of all loops and trials together."""
+        return self.scenario.run.tick_s * self.scenario.run.ticks * len(self.trials) * self.loops
+
+    def give_up(self) -> NoReturn:
+        """Leave the command without a result."""
+        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self.failure}")
+        raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
+
+    def write_figures(self, folder: Path, overwrite: bool, **described: Any) -> None:
+        """Make the folder, clear it of an older run if that was asked for, and write the metrics."""
+        if overwrite and folder.is_dir():
+            for old in (RECORDING, REPORT, LOG, SUMMARY, TRIALS):
+                (folder / old).unlink(missing_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        seed = self.scenario.run.seed
+        write_summary(folder / SUMMARY, self.name, seed, len(self.trials), self.wall_s, self.simulated_s, self.metrics, **described)
+        write_trials(folder / TRIALS, self.name, seed, self.trials, self.metrics)
+
+    def say_what(self) -> None:
+        """Head of the tables."""
+        out.print(f"[bold]{self.scenario.title}[/]\n[dim]{self.scenario.source}[/]\n")
+
+    def say_where(self, folder: Path) -> None:
+        """What it took and where everything is; leaves the command if not all trials were finished."""
+        pace = self.simulated_s / self.wall_s
+        out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")
+        if (folder / REPORT).is_file():
+            out.print(f"Report     {folder / REPORT}")
+        if (folder / LOG).is_file():
+            out.print(f"Log        {folder / LOG}\nReplay it  nacs replay {folder / LOG}")
+        if (folder / RECORDING).is_file():
+            out.print(f"Recording  {folder / RECORDING}\nOpen it    {how_to_open(folder / RECORDING)}")
+        if self.failure:
+            err.print(f"error: {self.failure}; what was recorded until then is in {folder}")
+            raise typer.Exit(FAILED)
+        if self.stopped:
+            err.print(f"interrupted: {len(self.trials)} of {self.wanted} trials were finished and kept in {folder}")
+            raise typer.Exit(INTERRUPTED)
+
+
+def numbers_of(run: RunSettings, only: int | None) -> NDArray[np.int64]:
+    """Trials to be flown: all, or the one that was asked for; raises BadInput if there is no such trial."""
+    if only is None:
+        return np.arange(run.trials)
+    if only >= run.trials:
+        raise BadInput(f"--only-trial {only}: the run has trials 0 to {run.trials - 1}")
+    return np.array([only])

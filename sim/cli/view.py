@@ -1,0 +1,49 @@
+"""`nacs view`: one loop of a scenario in MuJoCo's own viewer, in real time."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from sim.bad_input import BadInput
+from sim.cli import families
+from sim.cli.agents import changes_of
+from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out
+from sim.plant.batch import SimulationFailed
+
+
+def view(
+    name: Name,
+    loop: Annotated[str | None, typer.Option(metavar="NAME", help="which of several closed loops; default: the first")] = None,
+    seed: Seed = None,
+    overrides: Overrides = None,
+) -> None:
+    """Fly the first trial of a scenario in MuJoCo's own viewer, in real time; several agents are simulated first, then shown."""
+    agents = families.family_of(name) is not None
+    loaded: Any = families.load(name, changes_of(overrides, 1, seed)) if agents else load(name, 1, seed, overrides)
+    loops = list(loaded.loops) or [*loaded.singles()]
+    chosen = loops[0] if loop is None else loop
+    if chosen not in loops:
+        raise BadInput(f"--loop {loop}: {name} flies {', '.join(loops) if loaded.loops else 'one loop, which has no name'}")
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise BadInput("nacs view needs a display and found none; `nacs run` writes a recording that can be opened elsewhere")
+    from sim.cli import viewer  # opens windows when imported
+
+    if len(loops) > 1:
+        others = ", ".join(other for other in loops if other != chosen)
+        out.print(f"loop {chosen} of {name}; --loop shows another: {others}", markup=False, soft_wrap=True)
+    try:
+        if not agents:
+            viewer.fly(loaded.singles()[chosen])
+            return
+        from sim.loop.agents_motion import motion
+
+        with err.status(f"simulating {loaded.run.ticks * loaded.run.tick_s:g} s of {loaded.plant.type} first"):
+            moved = motion(loaded, chosen)
+        viewer.show(*moved)
+    except SimulationFailed as failure:
+        err.print(f"error: {failure}", style="red", markup=False)
+        raise typer.Exit(FAILED) from None

@@ -1,0 +1,1 @@
+"""Control laws as a scenario sets them up, and the drives that carry them out."""

@@ -1,0 +1,1 @@
+"""Analytic models held against the plant."""

@@ -1,0 +1,1 @@
+"""What the cross-check knows of each kind of plant."""

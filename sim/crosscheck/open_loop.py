@@ -1,0 +1,195 @@
+"""Flying again without feedback: the commands of a closed-loop flight, replayed to a changed plant or integrated by an analytic model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.tracking import Estimate, Target
+from models.attitude import quaternion
+from models.dynamics.process import ProcessModel, runge_kutta
+from models.plants.assembly import Assembly
+from sim.loop.build import build
+from sim.loop.one_body import System, run
+from sim.loop.recording import Recording
+from sim.plant.batch import Plant
+from sim.scenario.one_body import Scenario
+
+Array = NDArray[np.floating]
+
+
+class Dynamics(Protocol):
+    """All that a model needs here: its derivative."""
+
+    def derivative(self, state: Array, command: Array) -> Array:
+        """dx/dt of [q_BN, omega_BN_B, omega_wheel]: (..., n) and (..., wheels) N m, or (..., 3) without wheels, to (..., n)."""
+        ...
+
+
+class PlantParameters(Protocol):
+    """What is needed to know of any plant of one body: numbers that can be replaced, and what follows from them."""
+
+    @property
+    def inertia(self) -> Array:
+        """Of the whole, wheels locked, (3, 3) kg m2."""
+        ...
+
+    @property
+    def wheel_axes(self) -> Array:
+        """(3, wheels)."""
+        ...
+
+    def model_dump(self) -> dict[str, Any]:
+        """Every number by name."""
+        ...
+
+
+P = TypeVar("P", bound=PlantParameters)
+Alteration = Callable[[Assembly], None]  # of a compiled plant that has not been stepped yet
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What a kind of plant needs so that it can be flown without feedback; most need nothing.
+
+    Attributes:
+      free: takes away what would stop a body that nothing holds.
+      settle: commands actuators other than the wheels', by the plant's parameters.
+    """
+
+    free: Alteration = lambda _: None
+    settle: Callable[[Plant, Any], None] = lambda *_: None
+
+
+PLAIN = Rig()
+
+
+class Flight(NamedTuple):
+    """A closed-loop flight on the truth, whose commands are flown again."""
+
+    scenario: Scenario
+    system: System
+    recording: Recording
+    command: Array  # (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels, as sent: before drives round it
+    rig: Rig = PLAIN
+
+    @property
+    def states(self) -> Array:
+        """[q_BN, omega_BN_B, omega_wheel] at every tick, (ticks, trials, n)."""
+        return self.recording.channels["truth/state"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """How a plant differs from the scenario's.
+
+    Attributes:
+      parameters: of the plant, that are replaced.
+      no_faults: none of the scenario's faults occurs.
+      built: alterations that no parameter makes, such as balance masses that cannot move.
+    """
+
+    parameters: tuple[tuple[str, Any], ...] = ()
+    no_faults: bool = False
+    built: tuple[Alteration, ...] = ()
+
+    def __or__(self, other: Change) -> Change:
+        """Both changes."""
+        return Change(self.parameters + other.parameters, self.no_faults or other.no_faults, self.built + other.built)
+
+
+def altered(parameters: P, **changes: Any) -> P:
+    """The same plant with other values."""
+    return type(parameters)(**(parameters.model_dump() | changes))
+
+
+def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flight:
+    """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop."""
+    system = replace(build(scenario, trials), feedback="truth", banks=())
+    recording = run(system)
+    state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
+    if not system.command_step_nm:
+        return Flight(scenario, system, recording, recording.channels["command"], rig)
+    command, _ = system.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
+    return Flight(scenario, system, recording, command, rig)
+
+
+class _Playback:
+    """A controller that gives the recorded torques, one a tick, whatever the state."""
+
+    def __init__(self, torque_B: Array) -> None:
+        self._left: Iterator[Array] = iter(torque_B)
+
+    def step(self, estimate: Estimate, target: Target) -> Array:  # noqa: ARG002
+        return next(self._left)
+
+
+def replay(flight: Flight, ticks: int, change: Change) -> Array:
+    """Fly the recorded commands with another plant from the same state, by the twin's own loop.
+
+    Drives, disturbances and faults are drawn as in the flight; only what `change` says differs. There is no tilt stop.
+
+    Args:
+      flight: what was flown.
+      ticks: how many of its ticks are flown again.
+      change: how the plant differs.
+
+    Returns:
+      States (ticks, trials, n).
+    """
+    scenario, start = flight.scenario, flight.states[0]
+    again = scenario.model_copy(
+        update={
+            "plant": altered(scenario.plant, **dict(change.parameters)),
+            "faults": () if change.no_faults else scenario.faults,
+        }
+    )
+    system = build(again, flight.system.trials)
+    assembly = system.plant.assembly
+    flight.rig.free(assembly)
+    for alter in change.built:
+        alter(assembly)
+    plant = Plant(assembly, len(start))
+    plant.start(start[:, :4], start[:, 4:7], start[:, 7:])
+    flight.rig.settle(plant, again.plant)
+    system = replace(
+        system,  # drawn for the whole flight, so that it meets the same noise and faults
+        plant=plant,
+        target=Target(*(part[:ticks] for part in system.target)),
+        ticks=ticks,
+        feedback="truth",
+        banks=(),
+        controller=_Playback(flight.recording.channels["torque_B"]),
+        allocation=flight.system.allocation,  # the same commands, whatever the drives could do
+        command_step_nm=flight.system.command_step_nm if system.command_step_nm else 0.0,
+    )
+    return run(system).channels["truth/state"]
+
+
+def integrate(dynamics: Dynamics, start: Array, command: Array, tick_s: float, substeps: int = 1, euler: bool = False) -> Array:
+    """States of an analytic model under commands that are held for a tick.
+
+    Args:
+      dynamics: the model.
+      start: (..., n).
+      command: (ticks, ..., inputs), of a plant's own model N m a wheel.
+      tick_s: s.
+      substeps: integration steps a tick.
+      euler: explicit Euler instead of the classical Runge-Kutta method.
+
+    Returns:
+      (ticks, ..., n); the command of the last tick leads beyond them and is not used.
+    """
+    step = tick_s / substeps
+    process = cast(ProcessModel, dynamics)  # of which Runge-Kutta needs no more than the derivative
+    state, path = start, [start]
+    for torque in command[:-1]:
+        for _ in range(substeps):
+            state = state + step * dynamics.derivative(state, torque) if euler else runge_kutta(process, state, torque, step)
+        state = np.concatenate([quaternion.normalize(state[..., :4]), state[..., 4:]], axis=-1)
+        path.append(state)
+    return np.stack(path)

@@ -1,0 +1,1 @@
+"""Filters as a scenario sets them up and as the loop steps them."""

@@ -1,0 +1,250 @@
+"""Observers of a closed loop: the filters that a scenario's settings stand for, those of one kind stepped as one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.extended_kalman import ExtendedFilter
+from estimation.gaussian import Belief
+from estimation.interacting_multiple_model import InteractingMultipleModel
+from estimation.nis_switching import SwitchedGain
+from estimation.particle import ParticleFilter
+from estimation.proposals import PROPOSALS, ConstantNoise
+from estimation.resampling import SCHEMES
+from estimation.stacking import stack, stackable
+from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
+from estimation.unscented import UnscentedFilter, euler
+from models.attitude.quaternion import IDENTITY
+from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
+from models.dynamics.wheel_faults import WheelFault
+from models.dynamics.wheeled_body import WheeledBody
+from models.plants.monolithic import MonolithicParameters
+from models.plants.nacs import NacsParameters
+from sim.estimators.learning_observer import LearningObserver, learning_observer
+from sim.estimators.learning_settings import Learning
+from sim.estimators.particle_observer import DrawBlocks, ParticleObserver
+from sim.estimators.settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
+from sim.plant.kinds import Parameters
+from sim.randomness import Trials
+from sim.sensors.sensors import SensorSettings
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Models:
+    """Analytic models of the plant that a filter can be built on."""
+
+    plain: ProcessModel  # as the paper writes it
+    with_drag: ProcessModel  # knows the wheels' friction
+    parameters: Parameters
+
+    @classmethod
+    def of(cls, parameters: Parameters) -> Models:
+        """Models of a plant."""
+        return cls(believed(parameters, False), believed(parameters, True), parameters)
+
+    @property
+    def speeds_are_states(self) -> bool:
+        """Whether the wheel speeds are estimated; otherwise they are read and taken as known."""
+        return isinstance(self.plain, WheeledBody)
+
+
+def believed(parameters: Parameters, wheel_drag: bool, fault: WheelFault | None = None) -> ProcessModel:
+    """A plant's analytic model with the wheels' friction or without, and with a fault of the wheels or none."""
+    if isinstance(parameters, NacsParameters):
+        return parameters.process(wheel_drag=wheel_drag, fault=fault)
+    if isinstance(parameters, MonolithicParameters):
+        return parameters.process(believed=True)
+    return parameters.process(fault)  # wheel speeds are read, whatever slows them
+
+
+class Observer(Protocol):
+    """A filter as the loop sees it."""
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        ...
+
+    def initial(self, measurement: Array) -> Belief:
+        """Belief after the first reading, (trials, n)."""
+        ...
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of `command`, (trials, wheels), and a reading, (trials, n)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Observers of one kind, stepped as one; beliefs are (members, trials, ...).
+
+    Attributes:
+      names: one a member.
+      filter: steps them all.
+      thresholds: on, off of each member's fault detector.
+      speeds_are_states: whether they estimate the wheel speeds; otherwise these are read and are inputs beside the torques.
+      whole: whether they are told all that is known and read, and take from it what they need.
+    """
+
+    names: tuple[str, ...]
+    filter: Observer
+    thresholds: tuple[tuple[float, float] | None, ...]
+    speeds_are_states: bool = True
+    whole: bool = False
+
+    def inputs(self, known: Array) -> Array:
+        """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""
+        return known[..., : known.shape[-1] // 2] if self.speeds_are_states and not self.whole else known
+
+    def measured(self, reading: Array) -> Array:
+        """What it takes for a measurement of a reading (trials, 7 + wheels)."""
+        return reading if self.speeds_are_states or self.whole else reading[..., :7]
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """A filter as the only member of its bank."""
+
+    filter: Observer
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        return self.filter.space
+
+    def initial(self, measurement: Array) -> Belief:
+        """Belief (1, trials, ...) after the first reading, (trials, n)."""
+        return self.filter.initial(measurement[None])
+
+    def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of `command`, (trials, r), and a reading, (trials, n)."""
+        return self.filter.step(belief, command[None], measurement[None], dt)
+
+
+GaussianFilter = ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | InteractingMultipleModel
+Single = GaussianFilter | ParticleObserver | LearningObserver
+
+
+def build_filter(settings: ExtendedSettings | Imm, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter | ParticleFilter:
+    """The filter that the settings stand for."""
+    if not isinstance(settings, Imm):
+        return _single(settings, models, sensors, wheels, None)
+    members = tuple(_member(settings.filter, models, sensors, wheels, fault) for fault in settings.faults(wheels))
+    limits = (settings.declare_above, settings.withdraw_below)
+    return InteractingMultipleModel(members, settings.matrix, settings.start, settings.floor, *limits)
+
+
+def _member(
+    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault
+) -> ExtendedFilter | UnscentedFilter:
+    """A filter with the model of a mode."""
+    single = _single(settings, models, sensors, wheels, fault)
+    assert isinstance(single, ExtendedFilter | UnscentedFilter)
+    return single
+
+
+def _single(
+    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault | None
+) -> ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | ParticleFilter:
+    """A filter with one model of the wheels."""
+    tuning = settings.numbers
+    q, r, layer = tuning.scaled(sensors)
+    multiplicative = isinstance(settings, Mekf) or (isinstance(settings, Ukf) and settings.coordinates == "multiplicative")
+    counts = [3 if multiplicative else 4, 3, wheels if models.speeds_are_states else 0]
+    unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)  # a rotation vector is twice the quaternion's vector part
+    if fault is None:
+        process = models.with_drag if tuning.wheel_drag else models.plain
+    else:
+        process = believed(models.parameters, tuning.wheel_drag, fault)
+    common: dict[str, Any] = {
+        "process": process,
+        "process_noise": np.diag(np.repeat(unit * q, counts)),
+        "measurement_noise": np.diag(np.repeat(unit * r, counts)),
+        "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
+        "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
+        "space": Multiplicative() if multiplicative else Additive(),
+    }
+    explicit = settings.discretization == "euler"
+    noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
+    if isinstance(settings, Pf):
+        return ParticleFilter(
+            **common | {"process_noise": noise},
+            particles=settings.particles,
+            proposal=PROPOSALS[settings.proposal],
+            resampling=SCHEMES[settings.resampling],
+            threshold=settings.threshold,
+            roughening=settings.roughening,
+            measured=settings.measured,
+            integrate=euler if explicit else runge_kutta,
+        )
+    if isinstance(settings, Ukf):
+        common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
+        if isinstance(settings, Aukf) and settings.measured == "vector":
+            common["space"] = Signed()
+        unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
+        if isinstance(settings, Aukf):
+            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law, settings.measured)
+        return unscented
+    return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
+
+
+def build_banks(
+    observers: dict[str, ObserverSettings],
+    models: Models,
+    sensors: SensorSettings,
+    wheels: int,
+    seed: int = 0,
+    trials: Trials | None = None,
+) -> tuple[Bank, ...]:
+    """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
+    groups: list[list[tuple[str, Single]]] = []
+    for name, settings in observers.items():
+        if isinstance(settings, Learning):
+            groups.append([(name, learning_observer(settings, models.parameters, sensors))])
+            continue
+        single = build_filter(settings, models, sensors, wheels)
+        if isinstance(single, ParticleFilter):
+            if trials is None:
+                raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")
+            numbers = DrawBlocks(name, seed, trials, single.particles, single.size, single.roughening > 0.0)
+            groups.append([(name, ParticleObserver(single, numbers))])
+            continue
+        for group in groups:
+            first = group[0][1]
+            if isinstance(first, ExtendedFilter) and isinstance(single, ExtendedFilter) and stackable(first, single):
+                group.append((name, single))
+                break
+        else:
+            groups.append([(name, single)])
+    return tuple(
+        Bank(
+            names=tuple(name for name, _ in group),
+            filter=_as_one([single for _, single in group]),
+            thresholds=tuple(thresholds_of(single) for _, single in group),
+            speeds_are_states=models.speeds_are_states,
+            whole=isinstance(group[0][1], LearningObserver),
+        )
+        for group in groups
+    )
+
+
+def _as_one(group: list[Single]) -> Observer:
+    """Filters of one kind; those that are no extended ones come alone."""
+    if alike := [single for single in group if isinstance(single, ExtendedFilter)]:
+        return stack(alike)
+    return group[0] if isinstance(group[0], ParticleObserver | LearningObserver) else Alone(group[0])
+
+
+def thresholds_of(single: Single) -> tuple[float, float] | None:
+    """Statistic above which a filter declares a fault and below which it withdraws it, if it does."""
+    if isinstance(single, InteractingMultipleModel):
+        return single.declare_above, single.withdraw_below
+    gain = getattr(single, "gain", None)
+    return gain.thresholds if isinstance(gain, SwitchedGain) else None

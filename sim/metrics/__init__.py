@@ -1,0 +1,1 @@
+"""Figures of merit of runs, and the files that hold them."""

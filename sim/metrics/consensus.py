@@ -1,0 +1,84 @@
+"""Figures of merit of agents that follow a leader, window by window; docs/metrics.md defines every one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.loop.consensus import Flown
+from sim.metrics.one_body import Metric
+
+Array = NDArray[np.floating]
+
+WINDOWS_S = ((0.0, 2.0), (2.0, 10.0), (5.0, 15.0), (10.0, 15.0), (15.0, 20.0))
+SETTLED_M = 0.1
+
+
+def absolute_error(flown: Flown) -> Array:
+    """AEM = sqrt(sum_i |x_i - x_d|^2) at every tick, (ticks, trials) m (Rososhansky 2017, eq. 5.27)."""
+    apart = _apart(flown)
+    return np.sqrt(np.einsum("...ij,...ij->...", apart, apart))
+
+
+def relative_error(flown: Flown) -> Array:
+    """REM = sqrt(sum_i<j |x_i - x_j|^2) at every tick, (ticks, trials) m (eq. 5.28)."""
+    apart = _apart(flown)
+    pairs = apart[..., :, None, :] - apart[..., None, :, :]
+    return np.sqrt(0.5 * np.einsum("...ijk,...ijk->...", pairs, pairs))
+
+
+def dynamics_error(flown: Flown) -> Array:
+    """W phi - (f + d) squared, mean over agents and axes at every tick, (ticks, trials) N2; NaN from the loss of a trial on."""
+    wrong = flown.channels["learned"] - flown.channels["unknown"]
+    return np.einsum("...ij,...ij->...", wrong, wrong) / (wrong.shape[-2] * wrong.shape[-1])
+
+
+def evaluate(name: str, flown: Flown) -> list[Metric]:
+    """All metrics of a loop; each trial's value is the same in any company."""
+    absolute, relative, wrong = (
+        np.ascontiguousarray(part.T) for part in (absolute_error(flown), relative_error(flown), dynamics_error(flown))
+    )
+    force = flown.channels["force"]
+    effort = np.ascontiguousarray(np.sqrt(np.einsum("...ij,...ij->...", force, force)).T)
+    out = [
+        Metric(name, "aem", "start", "m", absolute[:, 0]),
+        Metric(name, "rem", "start", "m", relative[:, 0]),
+        Metric(name, "settled_s", "all", "s", _settled(absolute, flown.time)),
+        Metric(name, "lost_s", "all", "s", _lost(wrong, flown.time)),
+    ]
+    for label, ticks in windows(flown).items():
+        out += [
+            Metric(name, "aem", label, "m", np.mean(absolute[:, ticks], axis=-1)),
+            Metric(name, "rem", label, "m", np.mean(relative[:, ticks], axis=-1)),
+            Metric(name, "dynamics_error", label, "N", np.sqrt(np.mean(wrong[:, ticks], axis=-1))),
+            Metric(name, "effort", label, "N", np.mean(effort[:, ticks], axis=-1)),
+        ]
+    return out
+
+
+def windows(flown: Flown) -> dict[str, slice]:
+    """Ticks of the whole run and of all windows that lie in it."""
+    ticks = len(flown.leader)
+    found = {"all": slice(0, ticks)}
+    for start, end in WINDOWS_S:
+        if round(end / flown.dt) <= ticks:
+            found[f"{start:g}-{end:g}s"] = slice(round(start / flown.dt), round(end / flown.dt))
+    return found
+
+
+def _apart(flown: Flown) -> Array:
+    return flown.channels["truth"][..., :2] - flown.leader[:, None, None]
+
+
+def _settled(absolute: Array, time: Array) -> Array:
+    """From when on AEM stays below a limit, (trials,) s; NaN: it does not."""
+    above = absolute >= SETTLED_M
+    after = len(time) - np.argmax(above[:, ::-1], axis=-1)  # the first tick behind the last one above
+    after = np.where(above.any(axis=-1), after, 0)
+    return np.where(after < len(time), time[np.minimum(after, len(time) - 1)], np.nan)
+
+
+def _lost(wrong: Array, time: Array) -> Array:
+    """When a trial was lost, (trials,) s; NaN: it was not."""
+    gone = np.isnan(wrong)
+    return np.where(gone.any(axis=-1), time[np.argmax(gone, axis=-1)], np.nan)

@@ -1,0 +1,193 @@
+"""Figures of merit of a recording, trial by trial and phase by phase; docs/metrics.md defines every one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.attitude import quaternion
+from models.attitude.euler_angles import to_euler_313, wrapped_difference
+from models.plants.assembly import Assembly
+from sim.loop.recording import Recording
+from sim.metrics import windows
+from sim.metrics.learned import of_learning, window_flags
+from sim.scenario.one_body import Scenario
+from sim.scenario.references import EulerRates
+
+Array = NDArray[np.floating]
+Flags = NDArray[np.bool_]
+
+STATES = ("q1", "q2", "q3", "q4", "omega1", "omega2", "omega3")
+
+
+class Metric(NamedTuple):
+    """One figure of merit of every trial."""
+
+    subject: str
+    metric: str
+    phase: str
+    unit: str
+    values: Array  # (trials,), NaN where it does not apply
+
+
+def phases(recording: Recording) -> dict[str, Flags]:
+    """Phase name to flags (trials, ticks): before the first fault, while one is active, and otherwise after it."""
+    fault = np.ascontiguousarray(recording.channels["fault"].T).astype(bool)
+    begun = np.logical_or.accumulate(fault, axis=1)
+    named = {"all": np.ones_like(fault), "nominal": ~begun, "fault": fault, "recovery": begun & ~fault}
+    return {name: flags for name, flags in named.items() if name == "all" or (fault.any() and flags.any())}
+
+
+def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scenario: Scenario | None = None) -> list[Metric]:
+    """All metrics of a recording; each trial's value is the same in any company.
+
+    Args:
+      recording: of a closed loop.
+      assembly: the plant.
+      loop: name of the loop. Of several, each is a subject together with the observer that closes it.
+      scenario: of this loop alone.
+    """
+    truth = _by_trial(recording.channels["truth/state"])
+    reading = _by_trial(recording.channels["reading"])
+    spins = scenario is not None and isinstance(scenario.reference, EulerRates)
+    closing = scenario.law.feedback if scenario is not None and loop != "loop" else None
+    limit = (scenario.law.axis_limit_nm if scenario is not None else None) or np.inf
+    out: list[Metric] = []
+    flagged = phases(recording)
+    every = scenario is not None and scenario.phase_metrics == "all"
+    if scenario is not None and every:
+        flagged |= window_flags(recording, scenario.phases)
+    for phase, flags in flagged.items():
+        for name in recording.observers:
+            subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
+            out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
+            out += [Metric(subject, *row) for row in of_learning(recording, name, phase, flags)]
+        out += [Metric(loop, *row) for row in _loop(recording, assembly, limit, phase, flags, truth, reading)]
+        if spins:
+            out += [Metric(loop, *row) for row in _euler_angles(recording, phase, flags, truth)]
+    if scenario is not None and scenario.phases and not every:
+        out += [Metric(loop, *row) for row in windows.of_the_body(recording, scenario.phases)]
+        for name in recording.observers:
+            subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
+            out += [Metric(subject, *row) for row in windows.of_an_estimate(recording, name, scenario.phases)]
+    return out
+
+
+Row = tuple[str, str, str, Array]
+
+
+def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
+    mean = _by_trial(recording.channels[f"{name}/mean"])
+    size = mean.shape[-1]
+    error, residual = _difference(mean, truth[..., :size]), _difference(reading[..., :size], mean)
+    rows: list[Row] = []
+    for kind, difference in (("truth", error), ("residual", residual)):
+        each = _rms(difference[..., :7], flags)
+        rows += [
+            (f"rmse_{kind}_quaternion", phase, "1", np.sum(each[:, :4], axis=-1)),
+            (f"rmse_{kind}_rate", phase, "rad/s", np.sum(each[:, 4:], axis=-1)),
+            (f"rmse_{kind}_total", phase, "1, rad/s", np.sum(each, axis=-1)),
+        ]
+        rows += [(f"rmse_{kind}_{state}", phase, "1" if state[0] == "q" else "rad/s", each[:, i]) for i, state in enumerate(STATES)]
+    if size > 7:
+        rows.append(("rmse_truth_wheel", phase, "rad/s", np.sum(_rms(error[..., 7:], flags), axis=-1)))
+    angle = quaternion.angle(mean[..., :4], truth[..., :4])
+    rows.append(("attitude_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])))
+    for part in ("nees", "nis"):
+        rows.append((f"{part}_mean", phase, "1", _mean(_by_trial(recording.channels[f"{name}/{part}"]), flags)))
+    limits = recording.thresholds[name]
+    if limits is not None:
+        ratio = _by_trial(recording.channels[f"{name}/statistic"]) / limits[0]
+        peak = np.max(np.where(flags, ratio, -np.inf), axis=-1)
+        rows.append(("peak_statistic", phase, "1", np.where(np.isfinite(peak), peak, np.nan)))
+        declared = _by_trial(recording.channels[f"{name}/declared"]).astype(float)
+        fault = _by_trial(recording.channels["fault"]).astype(bool)
+        if (flags & ~fault).any():
+            rows.append(("false_alarm_fraction", phase, "1", _mean(declared, flags & ~fault)))
+        if (flags & fault).any():
+            rows.append(("missed_fraction", phase, "1", _mean(1.0 - declared, flags & fault)))
+            rows.append(("detection_delay_s", phase, "s", _detection_delay(recording, name)))
+    if f"{name}/modes" in recording.channels:
+        modes = _by_trial(recording.channels[f"{name}/modes"])
+        rows.append(("mode_fault_mean", phase, "1", _mean(1.0 - modes[..., 0], flags)))
+        healthy = ~_by_trial(recording.channels["fault"]).astype(bool)
+        if (flags & healthy).any():
+            rows.append(("false_mode_fraction", phase, "1", _mean((modes[..., 0] < 0.5).astype(float), flags & healthy)))
+    if f"{name}/lost" in recording.channels:
+        lost = _by_trial(np.diff(recording.channels[f"{name}/lost"], axis=0, prepend=0.0))
+        rows.append(("lost_definiteness", phase, "1", np.sum(np.where(flags, lost, 0.0), axis=-1)))
+    return rows
+
+
+def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
+    desired = recording.channels["reference/q"]
+    angle = quaternion.angle(truth[..., :4], desired[None])
+    torque = _by_trial(recording.channels["torque_B"])
+    effort = np.sqrt(_mean(np.sum(torque**2, axis=-1), flags))
+    command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., 7:])
+    limit = assembly.wheel_torque_limit if assembly.wheel_joints else axis_limit
+    saturated = np.any(command >= 0.999 * limit, axis=-1) | np.any(speed > 0.98 * assembly.wheel_speed_limit, axis=-1)
+    missing = np.any(np.isnan(reading), axis=-1)
+    each = _rms(torque, flags)
+    tracking = np.degrees(_rms(angle[..., None], flags)[:, 0])
+    return [
+        ("tracking_error_deg", phase, "deg", tracking),
+        ("control_effort_rms", phase, "N m", effort),
+        *((f"effort_rms_{axis}", phase, "N m", each[:, i]) for i, axis in enumerate("xyz")),
+        ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1, initial=0.0), 0.0), axis=-1)),
+        ("saturated_time_s", phase, "s", recording.dt * np.sum(saturated & flags, axis=-1)),
+        ("missing_readings", phase, "1", np.sum(missing & flags, axis=-1).astype(float)),
+    ]
+
+
+def _euler_angles(recording: Recording, phase: str, flags: Flags, truth: Array) -> list[Row]:
+    """Tracking error by 3-1-3 Euler angles of the true attitude, each wrapped, as Hill et al. (2021, table II) judge it."""
+    desired = to_euler_313(recording.channels["reference/q"])
+    apart = np.degrees(wrapped_difference(to_euler_313(truth[..., :4]), desired))
+    each = _rms(apart, flags)
+    angle = quaternion.angle(truth[..., :4], recording.channels["reference/q"][None])
+    return [
+        *((f"rmse_{name}_deg", phase, "deg", each[:, i]) for i, name in enumerate(("phi", "theta", "psi"))),
+        ("rmse_body_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])),
+    ]
+
+
+def _detection_delay(recording: Recording, name: str) -> Array:
+    """Mean over a trial's faults of the time from onset to the first declaration before the next onset, NaN if there is none."""
+    declared = _by_trial(recording.channels[f"{name}/declared"]).astype(bool)
+    delays: list[list[float]] = [[] for _ in recording.trials]
+    onsets = sorted((o.trial, o.start_tick) for o in recording.occurrences)
+    for (trial, start), following in zip(onsets, [*onsets[1:], (-1, 0)], strict=True):
+        stop = following[1] if following[0] == trial else recording.ticks
+        hits = np.flatnonzero(declared[trial, start:stop])
+        if len(hits):
+            delays[trial].append(recording.dt * float(hits[0]))
+    return np.array([np.mean(d) if d else np.nan for d in delays])
+
+
+def _by_trial(channel: Array) -> Array:
+    """(ticks, trials, ...) as contiguous (trials, ticks, ...), so that sums over ticks do not depend on the number of trials."""
+    return np.ascontiguousarray(np.swapaxes(channel, 0, 1))
+
+
+def _difference(state: Array, reference: Array) -> Array:
+    """Component by component, the quaternion of the sign nearer to the reference's; (..., n)."""
+    attitude = quaternion.align(state[..., :4], reference[..., :4]) - reference[..., :4]
+    return np.concatenate([attitude, state[..., 4:] - reference[..., 4:]], axis=-1)
+
+
+def _rms(values: Array, flags: Flags) -> Array:
+    """Root mean square over flagged ticks with a number; (trials, ticks, n) to (trials, n), NaN where there is none."""
+    use = flags[..., None] & ~np.isnan(values)
+    squares = np.ascontiguousarray(np.swapaxes(np.where(use, values, 0.0) ** 2, 1, 2))
+    count = np.sum(use, axis=1)
+    return np.sqrt(np.sum(squares, axis=-1) / np.where(count, count, np.nan))
+
+
+def _mean(values: Array, flags: Flags) -> Array:
+    """Mean over flagged ticks with a number; (trials, ticks) to (trials,), NaN where there is none."""
+    use = flags & ~np.isnan(values)
+    count = np.sum(use, axis=-1)
+    return np.sum(np.where(use, values, 0.0), axis=-1) / np.where(count, count, np.nan)

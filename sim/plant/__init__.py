@@ -1,0 +1,1 @@
+"""The truth: many MuJoCo simulations stepped as one."""

@@ -1,0 +1,58 @@
+"""The plants of a formation: several bodies in one world, free or on air bearings, whose inertias may change."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.plants.assembly import Assembly
+from models.plants.formation import FormationParameters, compile_formation
+from models.plants.formation_nacs import FormationNacsParameters, compile_testbeds
+from models.plants.nacs import BALANCE_MASSES
+from sim.plant.batch import Plant
+
+Array = NDArray[np.floating]
+
+Parameters = FormationParameters | FormationNacsParameters
+
+
+def compile_agents(parameters: Parameters) -> Assembly:
+    """Compile all agents in one world; raises ImpossibleInertia."""
+    return compile_testbeds(parameters) if isinstance(parameters, FormationNacsParameters) else compile_formation(parameters)
+
+
+class FormationPlant(Plant):
+    """Trials of a formation; truth has axes (trials, agents, ...), but its wheels' (trials, agents wheels)."""
+
+    def __init__(self, assembly: Assembly, trials: int, threads: int = 1) -> None:
+        super().__init__(assembly, trials, threads)
+        self.inertia = np.tile(assembly.inertia, (trials, 1, 1, 1))
+        self.centre_of_mass = np.tile(assembly.centre_of_mass, (trials, 1, 1))
+        joints = [assembly.model.joint(name) for name in assembly.attitude_joints]
+        self._bodies = np.array([int(joint.bodyid[0]) for joint in joints])
+
+    def set_inertias(self, inertia: Array) -> None:
+        """Give the agents other inertias, (agents, 3, 3) kg m2, in all trials; rates and centres of mass are kept."""
+        properties = self.assembly.reassemble(inertia, self.assembly.centre_of_mass)
+        for field, value in (
+            ("body_mass", properties.mass),
+            ("body_ipos", properties.centre_of_mass),
+            ("body_inertia", properties.moments),
+            ("body_iquat", properties.axes),
+        ):
+            self._batch.expand(field)[:, self._bodies] = value
+        self._batch.set_const(np.arange(self.trials))
+
+    def hold_masses(self, position: Array) -> None:
+        """Send the balance masses of all testbeds to set-points on their rails, (3,) m."""
+        for joint in self.assembly.attitude_joints:
+            for name, one in zip(BALANCE_MASSES, position, strict=True):
+                self.hold(joint.rpartition("/")[0] + "/" + name, one)
+
+
+def formation_plant(parameters: Parameters, assembly: Assembly, trials: int) -> FormationPlant:
+    """Trials of a plant as its parameters set it up."""
+    plant = FormationPlant(assembly, trials)
+    if isinstance(parameters, FormationNacsParameters):
+        plant.hold_masses(1e-3 * np.array(parameters.testbed.balance_position_mm))
+    return plant

@@ -1,0 +1,54 @@
+"""The plant of the agents: forces that depend on their motion, evaluated anew for every physics step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.plants.agents import AGENTS
+from models.plants.assembly import Assembly
+from sim.plant.batch import Plant
+
+Array = NDArray[np.floating]
+
+NO_WHEELS = np.zeros((1, 0))
+NO_TORQUE = np.zeros((1, 0, 3))
+
+
+class AgentsPlant(Plant):
+    """Trials of six agents; all their joints slide, so that generalised forces are forces."""
+
+    def __init__(self, assembly: Assembly, mass: float, trials: int) -> None:
+        super().__init__(assembly, trials)
+        self._mass = mass
+        self._place, self._speed = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._force = self._batch.bind("qfrc_applied")
+
+    def motion(self) -> Array:
+        """[x, v] of every agent, (trials, agents, 4)."""
+        place, speed = (part.reshape(self.trials, AGENTS, 2) for part in (self._place, self._speed))
+        return np.concatenate([place, speed], axis=-1)
+
+    def slide(self, force: Callable[[Array, float], Array], steps: int) -> None:
+        """Advance by whole physics steps.
+
+        MuJoCo holds an applied force over its step, so the force is that of the middle of the step, where it is second order accurate;
+        the motion until there is extrapolated.
+
+        Args:
+          force: of [x, v] (trials, agents, 4) and time, s, to (trials, agents, 2) N.
+          steps: physics steps.
+
+        Raises:
+          SimulationFailed: MuJoCo raised, warned, or produced a number that is not finite.
+        """
+        half = 0.5 * self.step_s
+        for _ in range(steps):
+            time = self._steps_done * self.step_s
+            motion = self.motion()
+            speed = motion[..., 2:] + half / self._mass * force(motion, time)
+            middle = np.concatenate([motion[..., :2] + half * motion[..., 2:], speed], axis=-1)
+            self._force[:] = force(middle, time + half).reshape(self.trials, -1)
+            self.advance(NO_WHEELS, NO_TORQUE, 1)

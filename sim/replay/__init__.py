@@ -1,0 +1,1 @@
+"""Flight logs, and filters run over them."""

@@ -1,0 +1,104 @@
+"""`replay.png`: what filters made of a flight log, for a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from estimation.consistency import average_bounds
+from models.attitude import quaternion
+from sim.loop.recording import Recording
+from sim.report.page import SMOOTHING_S, STYLE
+from sim.series.palette import on_light
+
+Array = NDArray[np.floating]
+
+
+def write_picture(path: Path, title: str, recording: Recording) -> None:
+    """Draw the first trial: residuals, errors where the truth is known, NIS and detection.
+
+    Args:
+      path: PNG to write.
+      title: headline.
+      recording: of a replay.
+    """
+    get = {name: channel[:, 0] for name, channel in recording.channels.items() if not name.startswith("reference/")}
+    known = np.isfinite(get["truth/state"]).any()
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(11.0, 8.4 if known else 5.8), dpi=160, layout="constrained")
+        grid = figure.subplots(3 if known else 2, 2, sharex=True)
+        pairs = [("Residual of the reading", get["reading"])] + ([("Error against the truth", get["truth/state"])] if known else [])
+        for row, (what, target) in zip(grid, pairs, strict=False):
+            for axes, unit in zip(row, ("mdeg", "mrad/s"), strict=True):
+                kind = "attitude" if unit == "mdeg" else "rate"
+                for name in recording.observers:
+                    axes.semilogy(
+                        recording.time, _smooth(_distance(get[f"{name}/mean"], target, unit), recording), **_line(recording, name)
+                    )
+                axes.set(title=f"{what}: {kind} (RMS over {SMOOTHING_S:g} s)", ylabel=f"[{unit}]")
+        _nis(grid[-1, 0], recording, get)
+        _detection(grid[-1, 1], recording, get)
+        for letter, axes in zip("abcdef", grid.flat, strict=False):
+            axes.set_title(f"({letter}) {axes.get_title(loc='left')}", loc="left")
+            axes.set_xlim(0.0, recording.time[-1])
+            if get["fault"].any():
+                axes.fill_between(
+                    recording.time,
+                    0,
+                    1,
+                    where=get["fault"].astype(bool),
+                    color="#d62839",
+                    alpha=0.1,
+                    lw=0,
+                    transform=axes.get_xaxis_transform(),
+                )
+        for axes in grid[-1]:
+            axes.set_xlabel("time [s]")
+        figure.legend(handles=grid[0, 0].get_lines(), ncols=5, loc="outside upper right")
+        figure.suptitle(f"{title}, trial {recording.trials[0]}", x=0.01, ha="left", fontsize=12, fontweight="bold")
+        figure.savefig(path)
+
+
+def _distance(mean: Array, target: Array, unit: str) -> Array:
+    """Angle in mdeg or length of the rates' difference in mrad/s, (ticks,)."""
+    if unit == "mdeg":
+        return 1e3 * np.degrees(quaternion.angle(mean[:, :4], target[:, :4]))
+    return 1e3 * np.linalg.norm(mean[:, 4:7] - target[:, 4:7], axis=-1)
+
+
+def _smooth(values: Array, recording: Recording) -> Array:
+    """Root mean square of the numbers in a moving window, (ticks,)."""
+    width, there = max(1, round(SMOOTHING_S / recording.dt)), np.isfinite(values)
+    square = uniform_filter1d(np.where(there, values, 0.0) ** 2, width, mode="nearest")
+    share = uniform_filter1d(there.astype(float), width, mode="nearest")
+    return np.sqrt(square / np.where(share > 1e-9, share, np.nan))
+
+
+def _nis(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
+    dof = get["reading"].shape[-1] - 1  # a unit quaternion has three degrees of freedom
+    for name in recording.observers:
+        if np.isfinite(get[f"{name}/nis"]).any():
+            axes.semilogy(recording.time, _smooth(np.sqrt(get[f"{name}/nis"]), recording) ** 2, **_line(recording, name))
+    low, high = average_bounds(dof, max(1, round(SMOOTHING_S / recording.dt)))
+    axes.axhspan(float(low), float(high), color="#8a8f98", alpha=0.25, lw=0)
+    axes.set(title=f"NIS (mean over {SMOOTHING_S:g} s); grey: 95 % of a consistent filter's", ylabel="[-]")
+
+
+def _detection(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
+    detectors = [name for name, limits in recording.thresholds.items() if limits is not None]
+    for row, name in enumerate(reversed(detectors)):
+        flags = get[f"{name}/declared"].astype(bool)
+        axes.fill_between(recording.time, row + 0.1, row + 0.9, where=flags, step="mid", lw=0, color=_line(recording, name)["color"])
+    axes.set_yticks(np.arange(len(detectors)) + 0.5, detectors[::-1])
+    axes.set(title="Faults declared", ylim=(0.0, max(3, len(detectors))))
+    axes.grid(visible=False)
+
+
+def _line(recording: Recording, name: str) -> dict[str, str | float]:
+    return {"color": on_light(recording.observers)[name], "label": name, "lw": 1.1, "ls": "--" if name == "mekf" else "-"}

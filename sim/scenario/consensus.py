@@ -1,0 +1,205 @@
+"""Scenario files of consensus tracking: agents with unknown dynamics, who sees whom, the law, and how each loop learns."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from control.communication_graph import CommunicationGraph
+from control.terminal_sliding_mode import TerminalSlidingMode
+from estimation.resampling import SCHEMES
+from models.plants.agents import AGENTS, AgentsParameters
+from models.sections import NonNegative, Positive, Section, Share
+from sim.scenario.one_body import Published, RunSettings
+
+Pair = tuple[float, float]
+
+
+class GraphSettings(Section):
+    """Links with their weights; agents are counted from one (Rososhansky 2017, sec. 5.3)."""
+
+    links: tuple[tuple[int, int, NonNegative], ...] = ((1, 2, 0.7), (2, 3, 0.6), (3, 4, 0.7), (4, 5, 0.8), (5, 6, 0.9))
+    leader: tuple[tuple[int, NonNegative], ...] = Field(((1, 0.8), (6, 0.9)), description="who sees the leader")
+
+    @model_validator(mode="after")
+    def _connected(self) -> GraphSettings:
+        for number in [agent for *ends, _ in self.links for agent in ends] + [agent for agent, _ in self.leader]:
+            if not 1 <= number <= AGENTS:
+                raise ValueError(f"there is no agent {number}: they are 1 to {AGENTS}")
+        self.build()
+        return self
+
+    def build(self) -> CommunicationGraph:
+        """The graph; raises ValueError where it is none that can track."""
+        return CommunicationGraph.of(AGENTS, self.links, self.leader)
+
+
+class LeaderSettings(Section):
+    """The virtual leader goes round a circle, radius (cos, sin)(rate t)."""
+
+    radius_m: NonNegative = 0.5
+    rate_rad_s: float = 1.0
+
+
+class LawSettings(Section):
+    """Eq. 5.17-5.26; none of the numbers is printed, and these give the commands of fig. 5.5 at t = 0 on all twelve axes."""
+
+    proportional: NonNegative = Field(4.0, description="K1")
+    terminal: NonNegative = Field(2.0, description="K2")
+    slope: NonNegative = Field(1.0, description="L1")
+    terminal_slope: NonNegative = Field(0.5, description="L2")
+    exponent: Annotated[float, Field(gt=0, le=1)] = 0.6
+    bound_n: NonNegative = Field(1.0, description="phi_i")
+    width: Positive = Field(0.02, description="eps")
+
+    def build(self, graph: CommunicationGraph) -> TerminalSlidingMode:
+        """The law on a graph."""
+        return TerminalSlidingMode(
+            graph, self.proportional, self.terminal, self.slope, self.terminal_slope, self.exponent, self.bound_n, self.width
+        )
+
+
+class SensorSettings(Section):
+    """Every agent reads its own position and speed at every tick."""
+
+    position_std_m: NonNegative = 1e-4
+    speed_std_m_s: NonNegative = 1e-4
+
+
+class TuningSettings(Section):
+    """What filters are told; the thesis prints none of it."""
+
+    state_std: Positive = Field(1e-3, description="sigma_q: of positions (m) and speeds (m/s), a tick")
+    reading_std: Positive = Field(1e-4, description="sigma_r: of positions (m) and speeds (m/s)")
+    weight_std: NonNegative = Field(1e-2, description="random walk of each weight, a tick")
+    first_weight_std: Positive = Field(1.0, description="of each weight around zero at first")
+
+
+class Exact(Section):
+    """Knows f + d: what the law makes of perfect learning."""
+
+    type: Literal["exact"]
+
+
+class Nothing(Section):
+    """Learns nothing, W = 0."""
+
+    type: Literal["none"]
+
+
+class Adaptive(Section):
+    """Weights by the adaptive law, at its own rate; readings are taken as they are."""
+
+    type: Literal["adaptive-law"]
+    rate: Positive = Field(5.0, description="Gamma")
+    tick_s: Positive = Field(0.001, description="its own control period: the law is stiff")
+
+
+class Unscented(Section):
+    """State and weights by one adaptive unscented Kalman filter."""
+
+    type: Literal["unscented"]
+    fading: Annotated[float, Field(ge=1)] = Field(1.0, description="lambda of P- = lambda M + Q")
+    alpha: Positive = 0.1
+    beta: NonNegative = 2.0
+    kappa: NonNegative = 0.0
+
+
+class Marginalised(Section):
+    """The marginalised unscented particle filter."""
+
+    type: Literal["marginalised"]
+    sampled: Literal["state", "weights"] = Field("state", description="block of the particles: state is variant B, weights A")
+    proposal: Literal["optimal", "prior"] = "optimal"
+    particles: Annotated[int, Field(ge=2)] = 100
+    first_weight_std: Positive | None = Field(None, description="instead of the scenario's")
+    resampling: str = "multinomial"
+    threshold: Share = 0.8
+
+    @field_validator("resampling")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in SCHEMES:
+            raise ValueError(f"no resampling {value!r}; there are {', '.join(SCHEMES)}")
+        return value
+
+
+LoopSettings = Annotated[Exact | Nothing | Adaptive | Unscented | Marginalised, Field(discriminator="type")]
+
+
+class DynamicsFault(Section):
+    """From now on f has other factors on its two axes (table 5.3)."""
+
+    kind: Literal["dynamics"]
+    start_s: NonNegative
+    gain: Pair
+
+
+class DisturbanceFault(Section):
+    """From now on d has another amplitude and rate (table 5.4)."""
+
+    kind: Literal["disturbance"]
+    start_s: NonNegative
+    amplitude_n: float
+    rate_rad_s: float
+    by_agent: bool = Field(True, description="times the agent's number, as in eq. 5.31; else the same rate for all")
+
+
+class CommandFault(Section):
+    """For a while -W phi - h + constant instead of the law (table 5.5)."""
+
+    kind: Literal["command"]
+    start_s: NonNegative
+    end_s: Positive
+    constant_n: float = -0.0125
+
+
+Fault = Annotated[DynamicsFault | DisturbanceFault | CommandFault, Field(discriminator="kind")]
+
+
+class ConsensusScenario(Section):
+    """One scenario file of consensus tracking."""
+
+    title: str
+    source: str
+    run: RunSettings
+    plant: AgentsParameters = AgentsParameters()
+    graph: GraphSettings = GraphSettings()
+    leader: LeaderSettings = LeaderSettings()
+    control: LawSettings = LawSettings()
+    sensors: SensorSettings = SensorSettings()
+    tuning: TuningSettings = TuningSettings()
+    disturbance: tuple[float, float] = Field((0.1, 0.5), description="amplitude, N, and rate per agent number, rad/s, at first (eq. 5.31)")
+    faults: tuple[Fault, ...] = ()
+    loops: dict[str, LoopSettings]
+    published: Published | None = None
+
+    @field_validator("loops")
+    @classmethod
+    def _named(cls, loops: dict[str, Any]) -> dict[str, Any]:
+        if not loops:
+            raise ValueError("there is no loop to fly")
+        for name in loops:
+            if "/" in name or name in {"truth", "leader", "loop"}:
+                raise ValueError(f"{name!r} cannot be a loop's name")
+        return loops
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> ConsensusScenario:
+        duration = self.run.ticks * self.run.tick_s
+        for name, loop in self.loops.items():
+            tick = loop.tick_s if isinstance(loop, Adaptive) else self.run.tick_s
+            _whole(self.run.tick_s / tick, f"loops.{name}.tick_s: run.tick_s = {self.run.tick_s:g} s", tick)
+        _whole(self.run.tick_s / self.plant.step_s, f"plant.step_s: run.tick_s = {self.run.tick_s:g} s", self.plant.step_s)
+        for number, fault in enumerate(self.faults):
+            end = fault.end_s if isinstance(fault, CommandFault) else fault.start_s
+            if max(end, fault.start_s) > duration + 1e-9 or end < fault.start_s:
+                raise ValueError(f"faults.{number} ({fault.kind}): must lie between 0 and the run's end, {duration:g} s")
+        return self
+
+
+def _whole(ratio: float, what: str, part: float) -> None:
+    if not np.isclose(ratio, round(ratio)) or round(ratio) < 1:
+        raise ValueError(f"{what} is not a whole number of {part:g} s")

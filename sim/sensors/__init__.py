@@ -1,0 +1,1 @@
+"""What the sensors say of the truth."""

@@ -1,0 +1,1 @@
+"""Time series of recordings as pictures and recordings show them."""

@@ -1,0 +1,70 @@
+"""What both pictures of consensus tracking show: looks of the loops, moving means, and what happens when."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from sim.loop.consensus import Flown
+from sim.scenario.consensus import CommandFault, ConsensusScenario, DynamicsFault, Exact, Marginalised, Nothing
+from sim.series.palette import LOOP_VARIANTS, Colour
+
+Array = NDArray[np.floating]
+
+SMOOTHING_S = 0.5
+GREY: tuple[tuple[str, Colour], ...] = (("#8a8f98", (150, 156, 166)), ("#c0c4cc", (104, 110, 120)))  # of what is no way to learn
+
+
+class Happening(NamedTuple):
+    """A fault, or an end of one."""
+
+    start_s: float
+    end_s: float
+    text: str
+
+
+class Look(NamedTuple):
+    """How a loop is drawn everywhere."""
+
+    on_light: str
+    on_dark: Colour
+    dashes: tuple[float, ...]
+
+
+def looks(scenario: ConsensusScenario) -> dict[str, Look]:
+    """Looks of all loops: those that do not learn are grey, those with particles dashed, since they may lie on others."""
+    grey, hue = iter(GREY * len(scenario.loops)), iter(LOOP_VARIANTS * len(scenario.loops))
+    return {
+        name: Look(*next(grey if isinstance(loop, Exact | Nothing) else hue), (4.0, 2.0) if isinstance(loop, Marginalised) else ())
+        for name, loop in scenario.loops.items()
+    }
+
+
+def moving_mean(values: Array, dt: float) -> Array:
+    """Mean over a moving window, (ticks, ...); NaN spreads over the window."""
+    return uniform_filter1d(values, max(1, round(SMOOTHING_S / dt)), axis=0, mode="nearest")
+
+
+def happenings(scenario: ConsensusScenario) -> list[Happening]:
+    """All faults, each until the next of its kind."""
+    duration, found = scenario.run.ticks * scenario.run.tick_s, []
+    for number, fault in enumerate(scenario.faults):
+        later = [other.start_s for other in scenario.faults[number + 1 :] if other.kind == fault.kind]
+        if isinstance(fault, CommandFault):
+            found.append(Happening(fault.start_s, fault.end_s, "no sliding terms in the command"))
+            continue
+        if isinstance(fault, DynamicsFault):
+            factors = [scenario.plant.stiffness * gain for gain in fault.gain]
+            text = f"factors of f: {factors[0]:g}, {factors[1]:g}"
+        else:
+            text = f"disturbance {fault.amplitude_n:g} N, {fault.rate_rad_s:g}{' i' if fault.by_agent else ''} rad/s"
+        found.append(Happening(fault.start_s, min([*later, duration]), text))
+    return found
+
+
+def chosen(flown: dict[str, Flown]) -> str:
+    """The loop whose motion is drawn: the joint filter's where there is one, or else the last."""
+    return "aukf" if "aukf" in flown else list(flown)[-1]

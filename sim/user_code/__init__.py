@@ -1,0 +1,1 @@
+"""Filters and control laws from a user's own files."""

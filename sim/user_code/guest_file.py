@@ -1,0 +1,85 @@
+"""A class in a Python file of the user's, and the blame for what goes wrong in it: one line that names file and line.
+
+Such a file is run as code, with all that code may do.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sim.bad_input import BadInput
+
+
+class UserClass:
+    """A class that the user named as FILE.py:CLASS."""
+
+    def __init__(self, text: str, option: str, methods: tuple[str, ...]) -> None:
+        """Run the file and find the class.
+
+        Args:
+          text: FILE.py:CLASS.
+          option: that it was named by.
+          methods: that it must have.
+        """
+        self.file, _, self.title = text.rpartition(":")
+        if not self.file or not self.title.isidentifier():
+            raise BadInput(f"{option} {text}: needs the form FILE.py:CLASS")
+        self._path, self._lines = str(Path(self.file).resolve()), {"": 1}
+        try:
+            source = Path(self._path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as unreadable:
+            raise BadInput(f"{option} {text}: {getattr(unreadable, 'strerror', None) or unreadable}") from None
+        module = ModuleType(f"guest_{Path(self.file).stem}")
+        module.__file__ = self._path
+        sys.modules[module.__name__] = module  # where dataclasses look their module up
+        folder = str(Path(self._path).parent)
+        if folder not in sys.path:
+            sys.path.append(folder)  # for what lies beside the file
+        with self.blamed(""):
+            exec(compile(source, self._path, "exec"), module.__dict__)
+        found = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
+        self.type: Any = getattr(module, self.title, None)
+        if not isinstance(self.type, type):
+            raise BadInput(f"{option} {text}: no class {self.title} in {self.file}; there are {', '.join(found) or 'none'}")
+        self._lines[""] = found[self.title].lineno if self.title in found else 1
+        for method in methods:
+            found_method = getattr(self.type, method, None)
+            if not callable(found_method):
+                raise self.complaint("", f"has no method {method}")
+            code = getattr(found_method, "__code__", None)
+            if code and code.co_filename == self._path:
+                self._lines[method] = code.co_firstlineno
+        given = getattr(self.type, "name", None)
+        parts = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"
+        self.name: str = given if isinstance(given, str) and given else re.sub(parts, "-", self.title).lower()
+
+    def construct(self, *arguments: Any) -> Any:
+        """An instance."""
+        with self.blamed("__init__"):
+            return self.type(*arguments)
+
+    def complaint(self, method: str, what: str) -> BadInput:
+        """One line that names file, line and method."""
+        return BadInput(f"{self.file}:{self._lines.get(method, self._lines[''])}: {self.title}{method and '.'}{method}: {what}")
+
+    @contextmanager
+    def blamed(self, method: str, when: str = "") -> Iterator[None]:
+        """Turn any exception inside into a complaint at the line of the user's file that led to it."""
+        try:
+            yield
+        except (Exception, SystemExit) as wrong:
+            lines = [frame.lineno for frame in traceback.extract_tb(wrong.__traceback__) if frame.filename == self._path]
+            if isinstance(wrong, SyntaxError) and wrong.filename == self._path:
+                lines.append(wrong.lineno)
+            said = str(wrong).splitlines()
+            line = lines[-1] if lines else self._lines.get(method, self._lines[""])
+            what = f"{self.title}{method and '.'}{method}: {type(wrong).__name__}{': ' + said[0] if said else ''}{when}"
+            raise BadInput(f"{self.file}:{line}: {what}") from None
