@@ -102,6 +102,36 @@ def separate_loops(data: dict[str, Any], label: str) -> Flight:
     return Flight(channels, [tuple(metric) for metric in metrics], occurrences)
 
 
+def one_loop(data: dict[str, Any], label: str) -> Flight:
+    """One loop for every body: sim.campaign.blocks, as `nacs run` calls it; names as the separate loops had them."""
+    files, blocks = import_module("sim.scenario.files"), import_module("sim.campaign.blocks")
+    scenario, trials = files.check(data, label, {}), np.arange(TRIALS)
+    block = blocks.simulate(scenario, trials, trials)
+    if block.failure:
+        raise RuntimeError(block.failure)
+    channels = {loop: _arrays(left) for loop, left in block.recordings.items()}
+    occurrences = {loop: [_line(o._asdict()) for o in left.occurrences] for loop, left in block.recordings.items()}
+    if scenario.family != "body":
+        names = FORMATION if scenario.family == "formation" else CONSENSUS
+        channels = {loop: {names.get(name, name): array for name, array in of.items()} for loop, of in channels.items()}
+        first = {loop: [_line(o._asdict()) for o in left.occurrences if o.trial == 0] for loop, left in block.recordings.items()}
+        occurrences = {loop: [line.removeprefix("trial 0: ") for line in lines] for loop, lines in first.items()}
+    return Flight(channels, [tuple(metric) for metric in block.metrics], occurrences)
+
+
+# channels by what they were called where every kind of scenario had a loop of its own
+FORMATION = {
+    "truth/state": "state",
+    "truth/q_BN": "q_BN",
+    "truth/wheel_speed": "wheel_speed",
+    "truth/qpos": "qpos",
+    "control/acceleration": "acceleration",
+    "messages/received": "received",
+    "reference/leader": "constant/leader",
+}
+CONSENSUS = {"truth/state": "truth", "reference/leader": "constant/leader", "reference/leader_rate": "constant/leader_rate"}
+
+
 def _arrays(left: Any) -> dict[str, AnyArray]:
     """All that a Recording of one body, or a Flown of several, holds; what it has beside its channels under names of their own."""
     out = dict(left.channels)
@@ -119,7 +149,10 @@ def _line(event: dict[str, Any]) -> str:
 
 
 # a module that only trees of that layout have, and how those trees are flown; the first that is found counts, the newest being on top
-LAYOUTS: tuple[tuple[str, Callable[[dict[str, Any], str], Flight]], ...] = (("sim.shards", separate_loops),)
+LAYOUTS: tuple[tuple[str, Callable[[dict[str, Any], str], Flight]], ...] = (
+    ("sim.loop.closed_loop", one_loop),
+    ("sim.shards", separate_loops),
+)
 
 
 def layout() -> Callable[[dict[str, Any], str], Flight]:

@@ -12,9 +12,9 @@ from models.attitude import quaternion
 from models.plants.flexible_parameters import FlexibleParameters
 from sim.campaign.blocks import Shard, simulate
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.closed_loop_identification import Bounds, IdentificationSettings, Response, multisine
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 CHANNELS = ("azimuth", "elevation")
 Array = NDArray[np.floating]

@@ -20,7 +20,7 @@ from sim.campaign.file import CAMPAIGNS, load
 from sim.campaign.shard import FIXED_POINT, Job, fly
 from sim.campaign.summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.plant.batch import SimulationFailed
 from sim.rerun.campaign import quantiles
 

@@ -12,9 +12,9 @@ from estimation import extended_kalman
 from estimation.gaussian import LostDefiniteness
 from sim.campaign import blocks as shards
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.plant.batch import Plant, SimulationFailed
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 QUICK = ("--set", "run.ticks=30", "--set", "faults=[]")
 

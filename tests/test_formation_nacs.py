@@ -5,6 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from sim.cli.formation import FAMILY
 
 from control.formation_law import FormationLaw
 from models.attitude import modified_rodrigues
@@ -15,14 +16,13 @@ from models.plants.formation_nacs import FormationNacsParameters, compile_testbe
 from models.plants.inertia import point_mass
 from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
 from sim.bad_input import BadInput
-from sim.cli import families
-from sim.cli.formation import FAMILY
 from sim.controllers.drives import Drives
 from sim.faults.formation import schedule
 from sim.loop.formation import fly
 from sim.metrics.results import rows
 from sim.plant.batch import Plant, Truth
 from sim.plant.formation import FormationPlant, compile_agents, formation_plant
+from sim.scenario import files
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.formation import FormationScenario
 from sim.sensors.sensors import SENSOR_SETS
@@ -352,7 +352,7 @@ def test_two_testbeds_or_twelve_fly_by_the_file_alone():
 )
 def test_bad_files_give_one_clear_line(change, complaint):
     with pytest.raises(BadInput, match=complaint) as refused:
-        families.load("formation/nacs", change)
+        files.load("formation/nacs", change)
     assert "\n" not in str(refused.value)
 
 

@@ -12,9 +12,9 @@ import pytest
 from rerun.chunk import RrdReader
 
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 from sim.user_code.guests import Guests
 
 DOCS = Path(__file__).parents[1] / "docs"

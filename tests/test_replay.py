@@ -13,11 +13,11 @@ import pytest
 
 from estimation.consistency import average_test
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 from sim.replay.flight_log import STATES, export, read
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 from sim.user_code.guests import Guests
 
 TRIALS = np.array([2, 5, 6])

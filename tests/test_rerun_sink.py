@@ -13,13 +13,14 @@ from rerun.chunk import RrdReader
 from models.attitude import quaternion
 from models.plants.assembly import Assembly
 from sim.loop.build import build
-from sim.loop.one_body import System, run
-from sim.loop.recording import Recorder, Recording
+from sim.loop.closed_loop import System, run
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
 from sim.plant.batch import diagnose
 from sim.rerun.live import LiveStream
 from sim.rerun.scene import GHOST_OFFSET
 from sim.rerun.sink import write_recording
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 TICKS = 60
 PUSH = {"kind": "external-torque", "torque_nm": 0.01, "start_s": 2.0, "duration_s": 1.0}

@@ -6,13 +6,13 @@ import json
 
 import numpy as np
 import pytest
-
 from sim.cli.families import family_of
+
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
 from sim.scenario.catalogue import scenario_names
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 HYBRIDS = ("nis-windowed", "nis-fading")
 

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-
-from sim.cli import families
-from sim.loop import formation as formation_loop
 from sim.loop.agents_motion import FIRST, motion
+
+from sim.loop import formation as formation_loop
 from sim.plant.batch import Plant
 from sim.plant.formation import compile_agents
+from sim.scenario import files
 
 ONE = ("--set", "run.ticks=4", "--set", "faults=[]")
 
@@ -98,11 +98,11 @@ def test_agents_are_simulated_then_shown(nacs, windows, name: str, loop: str, dt
     assert windows[0].model.ngeom > 6  # with what a person looks at
     assert not np.array_equal(shown[0][1], shown[-1][1])
     changes = {"run.ticks": 41, "run.trials": 1} | ({"phases": {}} if settings else {})
-    np.testing.assert_array_equal(shown[-1][1], motion(families.load(name, changes), loop).qpos[40])
+    np.testing.assert_array_equal(shown[-1][1], motion(files.load(name, changes), loop).qpos[40])
 
 
 def test_free_agents_are_where_and_as_their_plant_has_them() -> None:
-    scenario = families.load("formation/fault-free", {"run.ticks": 3, "phases": {}})
+    scenario = files.load("formation/fault-free", {"run.ticks": 3, "phases": {}})
     moved = motion(scenario, "truth")
     flown = formation_loop.fly(scenario, "truth", compile_agents(scenario.plant), FIRST, FIRST)
     data = mujoco.MjData(moved.scene)

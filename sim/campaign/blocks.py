@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,13 @@ from sim.campaign.draws import draw
 from sim.campaign.engines import processes, stop
 from sim.campaign.settings import Campaign
 from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.loop.recording import Recorder, Recording
-from sim.metrics.antenna_study import Controllers, identified, judge
-from sim.metrics.one_body import Metric, evaluate
+from sim.loop.closed_loop import run
+from sim.loop.recorder import Recorder
+from sim.loop.recording import RecordedRunFailed, Recording
+from sim.metrics.antenna_study import Controllers, controllers, identified
+from sim.metrics.evaluation import evaluate
+from sim.metrics.one_body import Metric
 from sim.plant.batch import SimulationFailed
-from sim.scenario.one_body import Scenario
 from sim.user_code.guests import Guests
 
 TRIALS_PER_SHARD = 64  # where the cost of a trial has stopped to fall; 0.1 GB of recording
@@ -51,7 +53,7 @@ def cut(trials: NDArray[np.int64], workers: int) -> list[NDArray[np.int64]]:
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Any,
     trials: NDArray[np.int64],
     recorded: NDArray[np.int64],
     guests: Guests | None = None,
@@ -63,39 +65,39 @@ def simulate(
     With a `campaign` each trial's plant, sensors, faults and start are those that it draws there.
     """
     variants = draw(campaign, scenario, trials).variants if campaign else None
-    keep = np.flatnonzero(np.isin(trials, recorded))
     metrics: list[Metric] = []
     recordings: dict[str, Recording] = {}
-    controllers: dict[str, Controllers] = {}
-    for name, single in scenario.singles().items():
-        system = build(single, trials, guests, variants)
+    flown: dict[str, Controllers] = {}
+    for name in scenario.loop_names:
+        system = build(scenario, trials, guests, variants, name)
         try:
-            recording = run(system, on_tick)
-        except SimulationFailed as failure:
+            recording = run(system, on_tick, recorded)
+        except RecordedRunFailed as failure:
             kept = failure.recording
-            where = np.flatnonzero(trials == failure.trial)
+            where = np.flatnonzero(kept.trials == failure.trial)
             text = str(failure) if name == "loop" else f"loop {name}: {failure}"
-            return Shard(trials, [], {name: kept.select(where)} if kept is not None and kept.ticks else {}, text)
-        metrics += evaluate(recording, system.plant.assembly, name, single)
-        more, flown = judge(system, recording, name, single.law)
-        metrics += more
-        if flown is not None:
-            controllers[name] = flown
+            return Shard(trials, [], {name: kept.select(where)} if kept.ticks and len(where) else {}, text)
+        metrics += evaluate(scenario, name, system, recording)
+        if (found := controllers(recording)) is not None:
+            flown[name] = found
+        keep = np.flatnonzero(np.isin(recording.trials, recorded))
         if len(keep):
             recordings[name] = recording.select(keep)
-    if scenario.identification:
+    settings = getattr(scenario, "identification", None)
+    if settings is not None:
         try:
-            more, findings = identified(scenario, controllers, lambda single: build(single, trials, guests, variants))
+            more, findings = identified(scenario, flown, lambda single: build(single, trials, guests, variants))
         except SimulationFailed as failure:
             return Shard(trials, [], recordings, f"identification: {failure}")
         metrics += more
-        if (adaptive := recordings.get(scenario.identification.adaptive)) is not None:
-            recordings[scenario.identification.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
+        if (adaptive := recordings.get(settings.adaptive)) is not None:
+            keep = np.flatnonzero(np.isin(trials, recorded))
+            recordings[settings.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
     return Shard(trials, metrics, recordings)
 
 
 def simulate_all(
-    scenario: Scenario,
+    scenario: Any,
     blocks: list[NDArray[np.int64]],
     recorded: NDArray[np.int64],
     workers: int,
@@ -105,7 +107,7 @@ def simulate_all(
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Iterator[Shard]:
     """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
-    loops = len(scenario.singles())
+    loops = len(scenario.loop_names)
     if workers == 1:
         for number, block in enumerate(blocks):
 

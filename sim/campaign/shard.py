@@ -14,14 +14,13 @@ from sim.bad_input import BadInput
 from sim.campaign.blocks import Shard, simulate
 from sim.campaign.draws import alone, draw, picked
 from sim.campaign.settings import Campaign, batched
-from sim.cli import families
-from sim.cli.families import Settings
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metrics.one_body import Metric, evaluate
 from sim.plant.batch import SimulationFailed
-from sim.scenario.one_body import Scenario
+from sim.scenario import files
+from sim.scenario.files import AnyScenario
 
 Array = NDArray[np.floating]
 
@@ -54,7 +53,7 @@ class Tables(NamedTuple):
 def fly(job: Job) -> Tables:
     """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
     campaign = Campaign.model_validate_json(job.campaign)
-    scenario = families.check(json.loads(job.scenario), f"point {job.point}", {})
+    scenario = files.check(json.loads(job.scenario), f"point {job.point}", {})
     trials = np.arange(job.start, job.stop)
     if not batched(scenario):
         return _fly_as_scenarios(job, campaign, scenario, trials)
@@ -77,7 +76,7 @@ def fly(job: Job) -> Tables:
     return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
 
 
-def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: Settings, trials: NDArray[np.int64]) -> Tables:
+def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trials: NDArray[np.int64]) -> Tables:
     """Simulate each trial as a scenario of its own, all at once if nothing is dispersed; no bands: loops differ in observers."""
     values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
     for group in trials[:, None] if campaign.dispersion else [trials]:
@@ -100,17 +99,9 @@ def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: Settings, trials: 
     return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
 
 
-def _simulate(scenario: Settings, trials: NDArray[np.int64]) -> list[Shard]:
+def _simulate(scenario: AnyScenario, trials: NDArray[np.int64]) -> list[Shard]:
     """Trials of a scenario of any kind; if one of them fails, each again by itself."""
-    nobody, family = np.zeros(0, dtype=np.int64), families.of(scenario)
-    if family is None:
-        assert isinstance(scenario, Scenario)
-        whole = simulate(scenario, trials, nobody)
-    else:
-        try:
-            whole = Shard(trials, family.simulate(scenario, trials, nobody, None)[0], {})
-        except SimulationFailed as failure:
-            whole = Shard(trials, [], {}, str(failure))
+    whole = simulate(scenario, trials, np.zeros(0, dtype=np.int64))
     if whole.failure is None or len(trials) == 1:
         return [whole]
     return [shard for one in trials[:, None] for shard in _simulate(scenario, one)]

@@ -14,7 +14,8 @@ from rich.table import Table
 from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
 from sim.metrics.one_body import Metric
 from sim.metrics.results import Row, rows, write_summary
-from sim.scenario.one_body import Scenario, parse_override
+from sim.scenario.files import parse_override
+from sim.scenario.one_body import Scenario
 from sim.user_code.guests import Guests
 
 if TYPE_CHECKING:

@@ -10,27 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from sim.bad_input import BadInput
 from sim.campaign.blocks import Shard, cut, join, simulate_all
-from sim.campaign.draws import alone, picked
+from sim.campaign.draws import alone
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign, batched
-from sim.cli import agents as command_family
-from sim.cli import families
 from sim.cli.run_output import LOG, RECORDING, REPORT, Ended, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
-from sim.loop.recording import Recorder, Recording
-from sim.metrics.claims import CLAIMS
-from sim.metrics.results import Row, rows
-from sim.plant.kinds import compile_plant
-from sim.scenario.one_body import Scenario
-from sim.tables import antenna as antenna_tables
-from sim.tables import one_body as tables
-from sim.tables import windows as window_tables
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
+from sim.metrics.results import rows
+from sim.scenario.files import AnyScenario
+from sim.tables.register import tables_of
 from sim.user_code.guests import Guests
 
 if TYPE_CHECKING:
@@ -65,36 +59,21 @@ def run(
     ] = False,
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
-    if (family := families.family_of(name)) is not None:
-        if observers or controller or export_log or live or point:
-            raise BadInput(f"{name} is of several agents; --observer, --controller, --export-log, --live and --point are for one body")
-        changes = command_family.changes_of(overrides, trials, seed)
-        command_family.run(family, command_family.Asked(name, changes, folder, workers, only_trial, record_trials, overwrite))
-        return
     guests = Guests(tuple(observers or ()), controller)
     source = load_campaign(Path(name)) if is_campaign(name) else None
     if source and (only_trial is None or trials or seed or overrides):
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
-    base = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
-    if source and only_trial is not None and (family := families.of(base)) is not None:
-        changes = source.changes(point) | picked(source, only_trial)
-        asked = command_family.Asked(source.scenario, changes, folder, workers, only_trial, record_trials, overwrite)
-        command_family.run(family, asked)
-        return
-    assert isinstance(base, Scenario)
-    loaded = base
+    loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
     if source and only_trial is not None and not batched(loaded):
-        own, source = alone(source, loaded, only_trial), None
-        assert isinstance(own, Scenario)
-        loaded = own
+        loaded, source = alone(source, loaded, only_trial), None
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     if export_log and not record_trials:
         raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
-    if loaded.loops and (guests.names or guests.controller or live or export_log):
+    if (guests.names or guests.controller or live or export_log) and (loaded.loops or loaded.family != "body"):
         raise BadInput(f"{name} flies several loops; --observer, --controller, --live and --export-log need a scenario with one [control]")
     target = output_folder(folder, name, overwrite)
     guests.check(loaded)
@@ -111,30 +90,34 @@ def run(
         recordings = failure.recordings
     wall = time.perf_counter() - started
     reason = failure.failure if failure else None
-    ended = Ended(name, loaded, len(loaded.singles()), len(numbers), finished, metrics, wall, reason, stopped)
+    ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reason, stopped)
     if not len(finished) and not recordings:
         ended.give_up()
     ended.write_figures(target, overwrite, **guests.described)
-    _draw(target, name, loaded, guests, recordings)
+    if recordings:
+        _draw(target, name, loaded, guests, recordings)
     if export_log and recordings:
         from sim.replay.flight_log import export
 
         export(target / LOG, recordings["loop"], loaded, name)
-    _show(ended, loaded, guests)
+    if statistics := rows(ended.metrics):
+        ended.say_what()
+        for table in tables_of(statistics, loaded, len(finished), guests.names, guests.law):
+            out.print(table)
     ended.say_where(target)
 
 
-def _live_stream(loaded: Scenario, name: str, guests: Guests) -> LiveStream:
+def _live_stream(loaded: Any, name: str, guests: Guests) -> LiveStream:
     from sim.rerun.live import LiveStream  # Rerun takes half a second to import
 
     try:
-        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), guests), _configuration(loaded, guests))
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), guests), loaded.law.feedback, _configuration(loaded, guests))
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
 
 def _simulate(
-    loaded: Scenario,
+    loaded: Any,
     source: Campaign | None,
     numbers: Any,
     recorded: Any,
@@ -167,55 +150,14 @@ def _simulate(
     return shards, False
 
 
-def _draw(target: Path, name: str, loaded: Scenario, guests: Guests, recordings: dict[str, Recording]) -> None:
-    from sim.report import antenna as report_antenna
-    from sim.report import loops as report_loops
-    from sim.report import page as report  # Matplotlib and Rerun take a second to import
-    from sim.rerun.loops import write_loops
-    from sim.rerun.sink import write_recording
-    from sim.series.antenna import is_antenna
+def _draw(target: Path, name: str, loaded: AnyScenario, guests: Guests, recordings: dict[str, Recording]) -> None:
+    from sim.report.register import write_report  # Matplotlib and Rerun take a second to import
+    from sim.rerun.register import write_recording
 
-    configuration = _configuration(loaded, guests)
-    if recordings and is_antenna(loaded, recordings):
-        report_antenna.write_report(target / REPORT, name, loaded, recordings)
-        write_loops(target / RECORDING, name, loaded, recordings, configuration)
-    elif "loop" in recordings:
-        recording, assembly = recordings["loop"], compile_plant(loaded.plant)
-        report.write_report(target / REPORT, name, loaded.title, recording, _closed_by(loaded, guests))
-        write_recording(target / RECORDING, name, recording, assembly, loaded.law.feedback, configuration)
-    elif recordings:
-        report_loops.write_report(target / REPORT, name, loaded, recordings)
-        write_loops(target / RECORDING, name, loaded, recordings, configuration)
+    write_report(target / REPORT, name, loaded, recordings, guests.law)
+    write_recording(target / RECORDING, name, loaded, recordings, _configuration(loaded, guests))
 
 
-def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
-    return loaded.model_dump(mode="json", exclude_none=True) | guests.described
-
-
-def _closed_by(loaded: Scenario, guests: Guests) -> str:
-    return loaded.law.feedback + (f" by {guests.law}" if guests.law else "")
-
-
-def _show(ended: Ended, loaded: Scenario, guests: Guests) -> None:
-    statistics, finished = rows(ended.metrics), len(ended.trials)
-    if not statistics:
-        return
-    ended.say_what()
-    if loaded.loops:
-        for table in _several(statistics)(statistics, loaded, finished):
-            out.print(table)
-        if loaded.claims:
-            out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
-        return
-    if loaded.published:
-        out.print(tables.residuals(statistics, loaded.published))
-    out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
-    out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
-
-
-def _several(statistics: list[Row]) -> Callable[[list[Row], Scenario, int], list[Table]]:
-    """Tables of several loops, by what was measured of them."""
-    measured = {row.metric for row in statistics}
-    if "rms_pointing_deg" in measured:
-        return antenna_tables.antenna
-    return window_tables.windows if "rms_rate_error" in measured else tables.loops
+def _configuration(loaded: Any, guests: Guests) -> dict[str, Any]:
+    configuration: dict[str, Any] = loaded.model_dump(mode="json", exclude_none=True)
+    return configuration | guests.described

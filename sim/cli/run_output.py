@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 import typer
@@ -14,29 +14,11 @@ from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, INTERRUPTED, err, how_to_open, out
 from sim.metrics.one_body import Metric
 from sim.metrics.results import write_summary, write_trials
-from sim.scenario.one_body import RunSettings
+from sim.scenario.files import AnyScenario
+from sim.scenario.run import RunSettings
 
 RECORDING, REPORT, LOG = "recording.rrd", "report.png", "log.parquet"
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
-
-
-class Flyable(Protocol):
-    """What all scenarios have."""
-
-    @property
-    def title(self) -> str:
-        """What it shows."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """Equation, table or figure that it comes from."""
-        ...
-
-    @property
-    def run(self) -> RunSettings:
-        """How long, how often, from which seed."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +38,7 @@ class Ended:
     """
 
     name: str
-    scenario: Flyable
+    scenario: AnyScenario
     loops: int
     wanted: int
     trials: NDArray[np.int64]

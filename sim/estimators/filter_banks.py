@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.choice import choose
 from estimation.extended_kalman import ExtendedFilter
-from estimation.gaussian import Belief
+from estimation.gaussian import Belief, LostDefiniteness
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain
 from estimation.particle import ParticleFilter
@@ -98,6 +99,33 @@ class Bank:
     thresholds: tuple[tuple[float, float] | None, ...]
     speeds_are_states: bool = True
     whole: bool = False
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        return self.filter.space
+
+    def initial(self, reading: Array) -> Belief:
+        """Belief after the first reading, (trials, 7 + wheels)."""
+        return self.filter.initial(self.measured(reading))
+
+    def step(self, belief: Belief, known: Array, reading: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of what is known of the drives, (trials, 2 wheels) or (trials, 3), and a reading."""
+        return self.filter.step(belief, self.inputs(known), self.measured(reading), dt)
+
+    def summary(self, belief: Belief) -> Belief:
+        """The belief as it is."""
+        return belief
+
+    def put_back(self, where: NDArray[np.bool_], first: Belief, belief: Belief) -> Belief:
+        """The first belief in some trials, (trials,)."""
+        chosen: Belief = choose(where[None], first, belief)
+        return chosen
+
+    def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
+        """The trial and the filter whose covariance it is."""
+        member, trial = failure.where[-2:]
+        return trial, f"{self.names[member]}: its innovation covariance lost definiteness"
 
     def inputs(self, known: Array) -> Array:
         """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""

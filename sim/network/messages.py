@@ -32,8 +32,9 @@ class Network:
         self._under_way: list[Array] = []
         self._held: Array | None = None
 
-    def carry(self, tick: int, sent: Array) -> Heard:
+    def carry(self, tick: int, sent: Array | None) -> Heard:
         """Deliver what leader and agents say, (trials, 1 + agents, n). The first messages are never lost."""
+        assert sent is not None, "agents of a network have something to say"
         graph, faults = self._graph, self._faults
         everything = np.ones((1, len(graph.ways)), dtype=bool)
         if self._ideal:

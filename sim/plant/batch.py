@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.assembly import Assembly
-
-if TYPE_CHECKING:
-    from sim.loop.recording import Recording
 
 Array = NDArray[np.floating]
 
@@ -29,7 +26,6 @@ class SimulationFailed(RuntimeError):
     def __init__(self, trial: int, time: float, cause: str) -> None:
         super().__init__(cause)
         self.trial, self.time, self.cause = trial, time, cause
-        self.recording: Recording | None = None
 
     def __str__(self) -> str:
         return f"trial {self.trial} failed at t = {self.time:.3f} s: {self.cause}"

@@ -11,17 +11,20 @@ from pydantic import TypeAdapter, ValidationError
 
 from control.tracking import Target
 from estimation.consistency import average_test, whiteness
-from estimation.gaussian import Belief, LostDefiniteness
 from sim.bad_input import BadInput
-from sim.estimators.filter_banks import Bank, Models, build_banks
+from sim.controllers.tracking import target_channels
+from sim.estimators.filter_banks import Models, build_banks
 from sim.estimators.learning_settings import Learning
 from sim.estimators.settings import ObserverSettings
 from sim.estimators.tunings import TUNINGS
 from sim.faults.timeline import Occurrence
-from sim.loop.recording import Recorder, Recording
-from sim.plant.batch import SimulationFailed
-from sim.replay.flight_log import STATES, WHEELS, FlightLog
-from sim.scenario import one_body as scenarios
+from sim.loop.closed_loop import System, run
+from sim.loop.recording import Recording
+from sim.parts import AnyArray, Snapshot
+from sim.plant.kinds import compile_plant
+from sim.replay.flight_log import STATES, FlightLog
+from sim.replay.logged_parts import LoggedCommands, LoggedPlant, LoggedSensors, SilentLaw, nobody, nothing_changes
+from sim.scenario import files
 from sim.scenario.one_body import Scenario
 from sim.user_code.guests import Guests
 
@@ -29,6 +32,7 @@ Array = NDArray[np.floating]
 
 DEFAULT = "nacs/fault-free"  # whose plant, sensors and filters a laboratory's log is taken to come from
 LAGS = 10
+INNOVATION = "innovation of "  # before the observer's name, among the channels of the loop
 _SIGMAS = tuple(f"sigma_{name}" for name in ("rotation1", "rotation2", "rotation3", *STATES[4:]))
 
 
@@ -50,7 +54,7 @@ def setting(about: dict[str, Any], label: str, tuning: str | None, overrides: di
     """
     if tuning is not None and tuning not in TUNINGS:
         raise BadInput(f"--tuning {tuning}: no such set; there are {', '.join(TUNINGS)}")
-    nacs = scenarios.load(DEFAULT).model_dump(mode="json", exclude_none=True)
+    nacs = files.load(DEFAULT).model_dump(mode="json", exclude_none=True)
     try:
         data: dict[str, Any] = dict(about.get("settings", nacs))
         observers = nacs["observers"] | data["observers"]
@@ -63,7 +67,7 @@ def setting(about: dict[str, Any], label: str, tuning: str | None, overrides: di
     data["tuning"] = tuning or common
     if "sensors.set" in overrides:
         data["sensors"] = {}
-    return scenarios.check(data, label, overrides)
+    return files.check(data, label, overrides)
 
 
 def choose(scenario: Scenario, wanted: list[str]) -> dict[str, ObserverSettings]:
@@ -81,31 +85,44 @@ def choose(scenario: Scenario, wanted: list[str]) -> dict[str, ObserverSettings]
 
 
 def replay(log: FlightLog, scenario: Scenario, chosen: dict[str, ObserverSettings], guests: Guests) -> Replayed:
-    """Run filters over a block of trials.
+    """Run filters over a block of trials: the closed loop, with sensors that read the log and nobody who acts.
 
     Raises:
       SimulationFailed: a filter lost definiteness.
     """
-    models = Models.of(scenario.plant)
-    banks = build_banks(chosen, models, scenario.sensors, WHEELS) + guests.banks(models, scenario.sensors, WHEELS)
+    models, wheels = Models.of(scenario.plant), scenario.plant.wheel_axes.shape[1]
+    banks = build_banks(chosen, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors, wheels)
     ticks, trials = log.reading.shape[:2]
-    recorder = Recorder(log.dt, ticks, log.trials, banks)
-    beliefs = tuple(bank.filter.initial(log.reading[0]) for bank in banks)
-    surprises: dict[str, list[Array]] = {name: [] for bank in banks for name in bank.names}
     fault = np.zeros((ticks, trials), dtype=bool) if log.fault is None else log.fault
-    unknown = np.full((ticks, trials, 4), np.nan)
-    for k in range(ticks):
-        if k:
-            beliefs = tuple(_step(bank, belief, log, k) for bank, belief in zip(banks, beliefs, strict=True))
-        for bank, belief in zip(banks, beliefs, strict=True):
-            for name, part in zip(bank.names, belief.innovation, strict=True):
-                surprises[name].append(part)
-        channels = {"reading": log.reading, "command": log.command, "applied": log.command, "torque_B": unknown[..., :3], "fault": fault}
-        recorder.put("truth/state", k, log.truth[k])
-        recorder.observe(k, beliefs)
-        recorder.tick(k, {name: channel[k] for name, channel in channels.items()})
-    recording = recorder.finish(Target(unknown[:, 0], unknown[:, 0, :3], unknown[:, 0, :3]), _occurrences(fault))
-    return Replayed(recording, {name: _seen(np.stack(parts), log.reading) for name, parts in surprises.items()})
+    unknown = np.full((ticks, 4), np.nan)
+
+    def channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
+        each = {
+            name: part
+            for bank, belief in zip(banks, now.beliefs, strict=True)
+            for name, part in zip(bank.names, belief.innovation, strict=True)
+        }
+        known = {"reading": log.reading[tick], "command": log.command[tick], "applied": log.command[tick], "fault": fault[tick]}
+        return known | {"torque_B": now.decision.effort} | {f"{INNOVATION}{name}": part for name, part in each.items()}
+
+    system = System(
+        plant=LoggedPlant(log, compile_plant(scenario.plant)),
+        sensors=LoggedSensors(log),
+        estimators=banks,
+        feedback=nobody,
+        law=SilentLaw(trials),
+        effectors=LoggedCommands(log),
+        change=nothing_changes,
+        trials=log.trials,
+        ticks=ticks,
+        dt=log.dt,
+        channels=channels,
+        references=target_channels(Target(unknown, unknown[:, :3], unknown[:, :3])),
+        occurrences=_occurrences(fault),
+    )
+    recording = run(system)
+    innovation = {name: _seen(recording.channels.pop(f"{INNOVATION}{name}"), log.reading) for name in recording.observers}
+    return Replayed(recording, innovation)
 
 
 def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:
@@ -115,15 +132,6 @@ def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:
     return tuple(
         Occurrence(int(trial), int(start), int(end), "any", "fault") for (trial, start), (_, end) in zip(starts, ends, strict=True)
     )
-
-
-def _step(bank: Bank, belief: Belief, log: FlightLog, tick: int) -> Belief:
-    try:
-        return bank.filter.step(belief, log.command[tick - 1], log.reading[tick], log.dt)
-    except LostDefiniteness as lost:
-        member, trial = lost.where
-        what = f"{bank.names[member]}: its innovation covariance lost definiteness"
-        raise SimulationFailed(int(log.trials[trial]), tick * log.dt, what) from None
 
 
 def _seen(innovation: Array, reading: Array) -> Array:
