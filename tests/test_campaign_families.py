@@ -16,9 +16,9 @@ from sim.campaign.file import CAMPAIGNS
 from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import fly
 from sim.cli.campaign import _jobs
-from sim.cli.families import check, dumped, load, of
 from sim.plant.batch import SimulationFailed
 from sim.report.campaign.sweep import abscissa
+from sim.scenario.files import check, dumped, load
 
 SHORT = """
 [override]

@@ -88,7 +88,8 @@ def _run(s: System, recorder: Recorder, on_tick: Callable[[int, Recorder], None]
     memory = None
     for k in range(s.ticks):
         truth = s.plant.truth()
-        recorder.begin(k // s.every, truth)
+        if k % s.every == 0:
+            recorder.begin(k // s.every, truth)
         reading = s.sensors.read(k, truth, recorder.past)
         known = given.known
         if s.loss is not None:
