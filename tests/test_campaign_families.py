@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
 
+from sim.campaign.blocks import Shard, simulate
 from sim.campaign.draws import picked
 from sim.campaign.file import CAMPAIGNS
 from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import fly
 from sim.cli.campaign import _jobs
-from sim.plant.batch import SimulationFailed
 from sim.report.campaign.sweep import abscissa
 from sim.scenario.files import check, dumped, load
 
@@ -110,15 +110,13 @@ def test_what_is_dispersed_is_drawn_for_each_trial(nacs, tmp_path):
 
 def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
     campaign = load_campaign(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
-    family = type(of(campaign.at(0)))
-    flown = family.simulate
 
-    def failing(self, scenario, trials, recorded, on_tick):
+    def failing(scenario, trials, recorded):
         if 1 in trials:
-            raise SimulationFailed(1, 0.1, "it broke")
-        return flown(self, scenario, trials, recorded, on_tick)
+            return Shard(trials, [], {}, "it broke")
+        return simulate(scenario, trials, recorded)
 
-    monkeypatch.setattr(family, "simulate", failing)
+    monkeypatch.setattr("sim.campaign.shard.simulate", failing)
     job = _jobs(campaign, [json.dumps(dumped(campaign.at(0)))])[0]
     rows = fly(job).metrics.to_pylist()
     failed = {row["trial"]: (row["value"], row["reason"]) for row in rows if row["metric"] == "failed"}

@@ -18,7 +18,7 @@ from models.plants.assembly import ImpossibleInertia
 from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, compile_formation, prepare_formation
 from models.plants.inertia import tensor, why_impossible
 from sim.campaign.blocks import simulate
-from sim.estimators.formation import observer
+from sim.estimators.formation import agents_filter
 from sim.faults.formation import schedule
 from sim.formation_randomness import Blocks
 from sim.loop.build import build
@@ -280,12 +280,12 @@ def test_faults_of_commands_and_readings_happen_to_whom_they_should():
 
 def test_a_lost_filter_begins_anew_and_is_counted():
     described = scenario(observers=OBSERVERS)
-    watching = observer("aukf", described.observers["aukf"], described.plant, 5, np.arange(2))
+    watching = agents_filter("aukf", described.observers["aukf"], described.plant, 5, np.arange(2))
     reading = np.broadcast_to(described.starts, (2, 6, 3))
-    first = watching.step(None, np.zeros((2, 6, 3)), reading, 0.01)
+    first = watching.initial(reading)
     far = first.belief.mean.copy()
     far[1, 4, 3:] = 1e6
-    after = watching.step(first.belief._replace(mean=far), np.zeros((2, 6, 3)), reading, 0.01)
+    after = watching.step(first._replace(belief=first.belief._replace(mean=far)), np.zeros((2, 6, 3)), reading, 0.01)
     assert np.argwhere(after.lost).tolist() == [[1, 4]]
     np.testing.assert_array_equal(after.belief.mean[1, 4], [*reading[1, 4], 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(after.belief.mean[1, :4], after.belief.mean[0, :4])
@@ -370,7 +370,7 @@ def test_a_run_is_told_drawn_and_recorded(tmp_path):
     lossy = [{"kind": "message-loss", "start_s": 0.1, "end_s": 0.3, "probability": 0.5}]
     described = scenario(ticks=60, trials=2, observers=OBSERVERS, loops=loops, faults=lossy, phases={"lossy": [0.1, 0.3]})
     ticks = []
-    block = simulate(described, np.arange(2), np.array([1]), on_tick=lambda tick, recorder: ticks.append(tick))
+    block = simulate(described, np.arange(2), np.array([1]), on_tick=lambda *tick: ticks.append(tick))
     metrics, found = block.metrics, block.recordings
     assert len(ticks) == 120
     assert {m.subject for m in metrics} == {"truth", "aukf"}

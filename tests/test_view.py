@@ -10,6 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim.loop.build import build
+from sim.loop.closed_loop import run
+from sim.loop.motion import motion
 from sim.plant.batch import Plant
 from sim.plant.formation import compile_agents
 from sim.scenario import files
@@ -96,12 +99,12 @@ def test_agents_are_simulated_then_shown(nacs, windows, name: str, loop: str, dt
     assert windows[0].model.ngeom > 6  # with what a person looks at
     assert not np.array_equal(shown[0][1], shown[-1][1])
     changes = {"run.ticks": 41, "run.trials": 1} | ({"phases": {}} if settings else {})
-    np.testing.assert_array_equal(shown[-1][1], viewer.motion(files.load(name, changes), loop).qpos[40])
+    np.testing.assert_array_equal(shown[-1][1], motion(files.load(name, changes), loop).qpos[40])
 
 
 def test_free_agents_are_where_and_as_their_plant_has_them() -> None:
     scenario = files.load("formation/fault-free", {"run.ticks": 3, "phases": {}})
-    moved = viewer.motion(scenario, "truth")
+    moved = motion(scenario, "truth")
     flown = run(build(scenario, np.arange(1), loop="truth"))
     data = mujoco.MjData(moved.scene)
     data.qpos[:] = moved.qpos[2]

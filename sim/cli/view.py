@@ -10,6 +10,7 @@ import typer
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out
+from sim.loop.motion import motion
 from sim.plant.batch import SimulationFailed
 
 
@@ -37,7 +38,7 @@ def view(
             viewer.fly(loaded, chosen)
             return
         with err.status(f"simulating {loaded.run.ticks * loaded.run.tick_s:g} s of {loaded.plant.type} first"):
-            moved = viewer.motion(loaded, chosen)
+            moved = motion(loaded, chosen)
         viewer.show(*moved)
     except SimulationFailed as failure:
         err.print(f"error: {failure}", style="red", markup=False)

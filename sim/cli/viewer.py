@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import mujoco.viewer
@@ -15,31 +15,13 @@ from numpy.typing import NDArray
 
 from sim.loop.build import build
 from sim.loop.closed_loop import run
+from sim.loop.motion import FIRST
 from sim.loop.recorder import Recorder
 from sim.scenario.files import AnyScenario
 
 FRAMES_PER_TICK = 6
 FRAME_S = 1 / 60
 CLOSING_S = 5.0
-FIRST = np.zeros(1, dtype=np.int64)  # the trial that is shown
-
-
-class Motion(NamedTuple):
-    """What a window needs of a flight that is over."""
-
-    scene: mujoco.MjModel  # with everything that a person looks at
-    qpos: NDArray[np.floating]  # (ticks, nq)
-    dt: float  # s a tick
-
-
-def motion(scenario: AnyScenario, loop: str) -> Motion:
-    """Fly one loop of the first trial.
-
-    Raises:
-      SimulationFailed: with trial, time and cause.
-    """
-    system = build(scenario, FIRST, loop=loop)
-    return Motion(system.plant.assembly.scene, run(system).channels["truth/qpos"][:, 0], scenario.run.tick_s)
 
 
 def fly(scenario: AnyScenario, loop: str) -> None:
