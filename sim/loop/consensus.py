@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from control.terminal_sliding_mode import Sliding, TerminalSlidingMode
+from control.terminal_sliding_mode import Sliding, TerminalSlidingMode, lumped
 from estimation.state_space import Euclidean
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
@@ -16,6 +16,7 @@ from sim.estimators.consensus import Acted, Learned, learner
 from sim.estimators.learner_settings import Adaptive, Exact
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
+from sim.network.messages import Heard, LinkFaults, Network
 from sim.parts import AnyArray, Array, Decision, Flags, Given, Snapshot
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import Trials
@@ -81,14 +82,15 @@ class ConsensusLaw:
     def start(self, estimate: ConsensusEstimate) -> None:
         """Nothing is remembered."""
 
-    def says(self, tick: int, estimate: ConsensusEstimate, memory: None) -> None:
-        """Nothing: the law multiplies by the graph's Laplacian."""
-
-    def decide(self, tick: int, estimate: ConsensusEstimate, messages: None, memory: None) -> Decision:
-        """Force on each agent, (trials, agents, 2) N."""
-        place, speed = leader_motion(self.scenario, np.array(tick * self.dt))
+    def says(self, tick: int, estimate: ConsensusEstimate, memory: None) -> Array:
+        """Motion of the leader and of each agent, as it believes, (trials, 1 + agents, 4)."""
+        leader = np.concatenate(leader_motion(self.scenario, np.array(tick * self.dt)))
         motion = estimate.learned.motion
-        sliding = self.law.step(motion[..., :2] - place, motion[..., 2:] - speed, estimate.known)
+        return np.concatenate([np.broadcast_to(leader, (len(motion), 1, len(leader))), motion], axis=1)
+
+    def decide(self, tick: int, estimate: ConsensusEstimate, messages: Heard, memory: None) -> Decision:
+        """Force on each agent, (trials, agents, 2) N."""
+        sliding = self.law.step(lumped(estimate.learned.motion, messages.messages, messages.listening), estimate.known)
         return Decision(sliding.force, None, {"sliding": sliding})
 
 
@@ -146,7 +148,8 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials) -> S
     inner = round(run.tick_s / dt)
     parameters = scenario.plant.model_copy(update={"step_s": min(scenario.plant.step_s, dt)})
     plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
-    process = PlanarAgent(NETWORK, parameters.mass_kg)
+    process, graph = PlanarAgent(NETWORK, parameters.mass_kg), scenario.graph.build()
+    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
@@ -154,7 +157,8 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials) -> S
         sensors=PlanarSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4))),
         estimators=(learner(name, settings, scenario.tuning, process, run.seed, trials),),
         feedback=ConsensusFeedback(scenario, isinstance(settings, Exact), dt),
-        law=ConsensusLaw(scenario.control.build(scenario.graph.build()), scenario, dt),
+        network=Network(graph, LinkFaults.none(run.ticks * inner, graph), losses, skip=False),
+        law=ConsensusLaw(scenario.control.build(), scenario, dt),
         effectors=ConsensusEffectors(scenario, dt, len(trials)),
         change=lambda tick: None,
         trials=trials,

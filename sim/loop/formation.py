@@ -19,7 +19,7 @@ from sim.faults.formation import FormationFaults, schedule
 from sim.faults.timeline import Occurrence
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
-from sim.network.messages import Heard, Network
+from sim.network.messages import Heard, LinkFaults, Network
 from sim.parts import AnyArray, Array, Decision, Flags, Given, Snapshot
 from sim.plant.formation import AgentsTruth, FormationPlant, formation_plant
 from sim.randomness import Trials
@@ -233,7 +233,7 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
         sensors=RodriguesSensors(faults, Blocks(run.seed, trials, FormationStream.READING, (agents, 3))),
         estimators=estimators,
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),
-        network=Network(graph, faults, losses, scenario.graph.when_lost == "skip"),
+        network=Network(graph, LinkFaults(faults.loss, faults.delay, faults.cut), losses, scenario.graph.when_lost == "skip"),
         law=NetworkedLaw(
             FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm),
             LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign)),

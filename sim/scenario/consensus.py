@@ -57,10 +57,10 @@ class LawSettings(Section):
     bound_n: NonNegative = Field(1.0, description="phi_i")
     width: Positive = Field(0.02, description="eps")
 
-    def build(self, graph: CommunicationGraph) -> TerminalSlidingMode:
-        """The law on a graph."""
+    def build(self) -> TerminalSlidingMode:
+        """The law."""
         return TerminalSlidingMode(
-            graph, self.proportional, self.terminal, self.slope, self.terminal_slope, self.exponent, self.bound_n, self.width
+            self.proportional, self.terminal, self.slope, self.terminal_slope, self.exponent, self.bound_n, self.width
         )
 
 

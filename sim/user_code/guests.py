@@ -19,7 +19,6 @@ from sim.bad_input import BadInput
 from sim.estimators.filter_banks import Bank, Models
 from sim.faults.kinds import DropOut
 from sim.scenario.named_sections import RESERVED
-from sim.scenario.one_body import Scenario
 from sim.sensors.sensors import SensorSettings
 from sim.user_code.guest_file import UserClass
 
