@@ -21,7 +21,7 @@ from sim.metrics.antenna_study import Controllers, controllers, identified
 from sim.metrics.evaluation import evaluate
 from sim.metrics.one_body import Metric
 from sim.plant.batch import SimulationFailed
-from sim.user_code.guests import Guests
+from sim.user_code.user_code import UserCode
 
 TRIALS_PER_SHARD = 64  # where the cost of a trial has stopped to fall; 0.1 GB of recording
 
@@ -56,7 +56,7 @@ def simulate(
     scenario: Any,
     trials: NDArray[np.int64],
     recorded: NDArray[np.int64],
-    guests: Guests | None = None,
+    user_code: UserCode | None = None,
     campaign: Campaign | None = None,
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Shard:
@@ -69,7 +69,7 @@ def simulate(
     recordings: dict[str, Recording] = {}
     flown: dict[str, Controllers] = {}
     for name in scenario.loop_names:
-        system = build(scenario, trials, guests, variants, name)
+        system = build(scenario, trials, user_code, variants, name)
         try:
             recording = run(system, on_tick, recorded)
         except RecordedRunFailed as failure:
@@ -86,7 +86,7 @@ def simulate(
     settings = getattr(scenario, "identification", None)
     if settings is not None:
         try:
-            more, findings = identified(scenario, flown, lambda single: build(single, trials, guests, variants))
+            more, findings = identified(scenario, flown, lambda single: build(single, trials, user_code, variants))
         except SimulationFailed as failure:
             return Shard(trials, [], recordings, f"identification: {failure}")
         metrics += more
@@ -102,7 +102,7 @@ def simulate_all(
     recorded: NDArray[np.int64],
     workers: int,
     progress: Progress,
-    guests: Guests | None = None,
+    user_code: UserCode | None = None,
     campaign: Campaign | None = None,
     on_tick: Callable[[int, Recorder], None] | None = None,
 ) -> Iterator[Shard]:
@@ -116,11 +116,11 @@ def simulate_all(
                 if on_tick and first:
                     on_tick(k, recorder)
 
-            yield simulate(scenario, block, recorded, guests, campaign, tick)
+            yield simulate(scenario, block, recorded, user_code, campaign, tick)
         return
     pool = processes(min(workers, len(blocks)))
     try:
-        waiting = [pool.submit(simulate, scenario, block, recorded, guests, campaign) for block in blocks]
+        waiting = [pool.submit(simulate, scenario, block, recorded, user_code, campaign) for block in blocks]
         for done in as_completed(waiting):
             shard = done.result()
             progress(len(shard.trials) * scenario.run.ticks)

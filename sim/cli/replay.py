@@ -16,7 +16,7 @@ from sim.metrics.one_body import Metric
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import parse_override
 from sim.scenario.one_body import Scenario
-from sim.user_code.guests import Guests
+from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:
     from sim.replay.filters_over_log import Replayed
@@ -62,14 +62,14 @@ def replay(
 
     blocks, about = read(log)
     scenario = setting(about, str(log), tuning, dict(parse_override(text) for text in overrides or []))
-    guests = Guests(tuple(observers or ()))
-    guests.check(scenario)
+    user_code = UserCode(tuple(observers or ()))
+    user_code.check(scenario)
     wanted = filters or ([] if observers else list(about.get("settings", {}).get("observers", scenario.observers)))
     chosen = choose(scenario, wanted)
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
     started = time.perf_counter()
     try:
-        replayed = [fly(block, scenario, chosen, guests) for block in blocks]
+        replayed = [fly(block, scenario, chosen, user_code) for block in blocks]
     except SimulationFailed as failure:
         err.print(f"error: {failure}")
         raise typer.Exit(FAILED) from None
@@ -82,10 +82,10 @@ def replay(
             (target / old).unlink(missing_ok=True)
     target.mkdir(parents=True, exist_ok=True)
     pq.write_table(pa.concat_tables([estimates(one) for one in replayed]), target / "estimates.parquet")
-    write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **guests.described)
+    write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
     write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording)
     out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(about, scenario)}\n")
-    out.print(_table(rows(metrics), (*chosen, *guests.names)))
+    out.print(_table(rows(metrics), (*chosen, *user_code.names)))
     for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
         out.print(f"{label:<10} {target / name}")
 

@@ -25,7 +25,7 @@ from sim.loop.recording import Recording
 from sim.metrics.results import rows
 from sim.scenario.files import AnyScenario
 from sim.tables.register import tables_of
-from sim.user_code.guests import Guests
+from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:
     from sim.rerun.live import LiveStream
@@ -59,13 +59,13 @@ def run(
     ] = False,
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
-    guests = Guests(tuple(observers or ()), controller)
+    user_code = UserCode(tuple(observers or ()), controller)
     source = load_campaign(Path(name)) if is_campaign(name) else None
     if source and (only_trial is None or trials or seed or overrides):
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
-    loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
+    loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, user_code.names)
     if source and only_trial is not None and not batched(loaded):
         loaded, source = alone(source, loaded, only_trial), None
     numbers = numbers_of(loaded.run, only_trial)
@@ -73,15 +73,13 @@ def run(
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     if export_log and not record_trials:
         raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
-    if (guests.names or guests.controller or live or export_log) and (loaded.loops or loaded.family != "body"):
-        raise BadInput(f"{name} flies several loops; --observer, --controller, --live and --export-log need a scenario with one [control]")
     target = output_folder(folder, name, overwrite)
-    guests.check(loaded)
+    user_code.check(loaded)
     for warning in loaded.warnings():
         err.print(f"warning: {warning}", style="yellow", markup=False)
-    stream = _live_stream(loaded, name, guests) if live else None
+    stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
-    shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
+    shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
     if stream:
         stream.close()
     failure = next((shard for shard in shards if shard.failure), None)
@@ -93,25 +91,27 @@ def run(
     ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reason, stopped)
     if not len(finished) and not recordings:
         ended.give_up()
-    ended.write_figures(target, overwrite, **guests.described)
+    ended.write_figures(target, overwrite, **user_code.described)
     if recordings:
-        _draw(target, name, loaded, guests, recordings)
+        _draw(target, name, loaded, user_code, recordings)
     if export_log and recordings:
         from sim.replay.flight_log import export
 
         export(target / LOG, recordings["loop"], loaded, name)
     if statistics := rows(ended.metrics):
         ended.say_what()
-        for table in tables_of(statistics, loaded, len(finished), guests.names, guests.law):
+        for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
             out.print(table)
     ended.say_where(target)
 
 
-def _live_stream(loaded: Any, name: str, guests: Guests) -> LiveStream:
+def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream:
     from sim.rerun.live import LiveStream  # Rerun takes half a second to import
 
     try:
-        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), guests), loaded.law.feedback, _configuration(loaded, guests))
+        return LiveStream(
+            name, build(loaded, np.zeros(1, dtype=np.int64), user_code), loaded.law.feedback, _configuration(loaded, user_code)
+        )
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
@@ -122,7 +122,7 @@ def _simulate(
     numbers: Any,
     recorded: Any,
     workers: int,
-    guests: Guests,
+    user_code: UserCode,
     stream: Callable[[int, Recorder], None] | None,
 ) -> tuple[list[Shard], bool]:
     """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
@@ -140,7 +140,14 @@ def _simulate(
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
             for shard in simulate_all(
-                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), guests, source, stream
+                loaded,
+                cut(numbers, workers),
+                recorded,
+                workers,
+                lambda ticks: bar.advance(task, seconds * ticks),
+                user_code,
+                source,
+                stream,
             ):
                 shards.append(shard)
                 if shard.failure:
@@ -150,14 +157,14 @@ def _simulate(
     return shards, False
 
 
-def _draw(target: Path, name: str, loaded: AnyScenario, guests: Guests, recordings: dict[str, Recording]) -> None:
+def _draw(target: Path, name: str, loaded: AnyScenario, user_code: UserCode, recordings: dict[str, Recording]) -> None:
     from sim.report.register import write_report  # Matplotlib and Rerun take a second to import
     from sim.rerun.register import write_recording
 
-    write_report(target / REPORT, name, loaded, recordings, guests.law)
-    write_recording(target / RECORDING, name, loaded, recordings, _configuration(loaded, guests))
+    write_report(target / REPORT, name, loaded, recordings, user_code.law)
+    write_recording(target / RECORDING, name, loaded, recordings, _configuration(loaded, user_code))
 
 
-def _configuration(loaded: Any, guests: Guests) -> dict[str, Any]:
+def _configuration(loaded: Any, user_code: UserCode) -> dict[str, Any]:
     configuration: dict[str, Any] = loaded.model_dump(mode="json", exclude_none=True)
-    return configuration | guests.described
+    return configuration | user_code.described

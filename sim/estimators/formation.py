@@ -32,9 +32,10 @@ LOST_RATE = 50.0  # 1/s
 
 
 class FormationMemory(NamedTuple):
-    """What a particle filter keeps besides a Gaussian belief, as `Belief.memory`."""
+    """What is recorded of a filter beside its moments, as `Belief.memory`."""
 
-    ess: Array  # (1, trials, agents)
+    restarted: Flags  # (1, trials, agents) whether an agent's filter began anew
+    ess: Array | None  # (1, trials, agents) of a particle filter
 
 
 class Watched(NamedTuple):
@@ -87,7 +88,7 @@ class AgentsFilter:
     def summary(self, belief: Watched) -> Belief:
         """Its moments, (1, trials, agents, ...)."""
         own = belief.belief
-        memory = FormationMemory(own.ess[None]) if hasattr(own, "ess") else None
+        memory = FormationMemory(belief.lost[None], own.ess[None] if hasattr(own, "ess") else None)
         mean, covariance, innovation, nis, likelihood, dof = (part[None] for part in own[:6])
         return Belief(mean, covariance, innovation, nis, likelihood, dof, no_detection(nis), memory=memory)
 

@@ -24,26 +24,31 @@ from sim.faults.timeline import schedule
 from sim.loop.body_parts import BodyChange, BodyChannels, BodyEffectors, BodyFeedback
 from sim.loop.closed_loop import System
 from sim.loop.variants import Variants
+from sim.parts import Estimator
 from sim.plant.batch import Plant
 from sim.plant.kinds import compile_plant
 from sim.randomness import Stream
 from sim.scenario.one_body import Scenario, StartSettings
 from sim.sensors.sensors import SensorArrays, Sensors, draw_noise
-from sim.user_code.guests import Guests
+from sim.user_code.laws import tracking
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
 Array = NDArray[np.floating]
 
 
-def build_body(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None = None, variants: Variants | None = None) -> System:
+def build_body(
+    scenario: Scenario, trials: NDArray[np.int64], user_code: UserCode | None = None, variants: Variants | None = None
+) -> System:
     """All parts of the one loop of a scenario for the given trial numbers; trial i is the same in any company.
 
     Args:
       scenario: what is simulated, and what filters and controllers believe.
       trials: numbers of the trials, (trials,).
-      guests: the user's own filters and controller.
+      user_code: the user's own filters and controller.
       variants: plant, sensors, faults and start of each trial where they differ.
     """
-    guests, variants = guests or Guests(), variants or Variants.alike(scenario, len(trials))
+    user_code, variants = user_code or UserCode(), variants or Variants.alike(scenario, len(trials))
     run, parameters, law = scenario.run, scenario.plant, scenario.law
     assembly = compile_plant(parameters)
     inertia = parameters.believed_inertia if isinstance(parameters, MonolithicParameters) else assembly.inertia
@@ -54,16 +59,18 @@ def build_body(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | N
     faults = schedule(variants.faults, run.seed, trials, run.ticks, run.tick_s, wheels)
     observer = scenario.observers.get(law.feedback)
     modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
-    banks = build_banks(scenario.observers, models, scenario.sensors, wheels, run.seed, trials) + guests.banks(
-        models, scenario.sensors, wheels
+    place = surroundings(scenario)
+    estimators: tuple[Estimator, ...] = (
+        *build_banks(scenario.observers, models, scenario.sensors, wheels, run.seed, trials),
+        *user_code.filters(place),
     )
-    controller = guests.control(models, scenario.sensors, wheels) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
+    controller = tracking(user_code.control(place)) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
     plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(scenario, variants)
     return System(
         plant=plant,
         sensors=Sensors(sensors, draw_noise(sensors, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s),
-        estimators=banks,
-        feedback=BodyFeedback(law.feedback, banks, unmodelled),
+        estimators=estimators,
+        feedback=BodyFeedback(law.feedback, estimators, unmodelled),
         law=TrackingLaw(controller, target),
         effectors=BodyEffectors(
             allocation=law.allocator(assembly, modes),

@@ -10,9 +10,8 @@ import numpy as np
 from control.allocation import Allocation
 from control.tracking import Estimate
 from models.dynamics.unmodelled_torque import UnmodelledTorque
-from sim.estimators.filter_banks import Bank
 from sim.faults.timeline import FaultSchedule
-from sim.parts import AnyArray, Array, Decision, Flags, Given, Snapshot
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.batch import Plant, Truth
 
 LOCKING = 40.0  # friction of a seized bearing over the drive's limit
@@ -24,12 +23,12 @@ class BodyFeedback:
 
     Attributes:
       source: an observer's name, `truth` or `measurement`.
-      banks: all observers of the loop.
+      estimators: all of the loop.
       unmodelled: what filters learn and are held against; None: none does.
     """
 
     source: str
-    banks: tuple[Bank, ...]
+    estimators: tuple[Estimator, ...]
     unmodelled: UnmodelledTorque | None = None
 
     def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: Truth, reading: Array, held: Array) -> Estimate:
@@ -37,9 +36,9 @@ class BodyFeedback:
         state = {"truth": truth.state, "measurement": held}.get(self.source)
         modes, q_read = None, None
         learned = self.unmodelled.at(truth.state) if self.unmodelled is not None and self.source == "truth" else None
-        for bank, raw in zip(self.banks, beliefs, strict=True):
-            if self.source in bank.names:
-                belief, member = bank.summary(raw), bank.names.index(self.source)
+        for estimator, raw in zip(self.estimators, beliefs, strict=True):
+            if self.source in estimator.names:
+                belief, member = estimator.summary(raw), estimator.names.index(self.source)
                 state = belief.mean[member]
                 modes = belief.modes.probabilities[member] if belief.modes is not None else None
                 q_read = reading[..., :4]

@@ -18,36 +18,36 @@ from sim.scenario.consensus import ConsensusScenario
 from sim.scenario.files import AnyScenario
 from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
-from sim.user_code.guests import Guests
+from sim.user_code.user_code import UserCode
 
-Builder = Callable[[Any, str, Trials, Guests, Variants | None], System]
+Builder = Callable[[Any, str, Trials, UserCode, Variants | None], System]
 
 
 def build(
-    scenario: AnyScenario, trials: Trials, guests: Guests | None = None, variants: Variants | None = None, loop: str | None = None
+    scenario: AnyScenario, trials: Trials, user_code: UserCode | None = None, variants: Variants | None = None, loop: str | None = None
 ) -> System:
     """All parts of a closed loop of a scenario for the given trial numbers; trial i is the same whatever the batch.
 
     Args:
       scenario: what is simulated, and what filters and controllers believe.
       trials: numbers of the trials, (trials,).
-      guests: the user's own filters and controller.
+      user_code: the user's own filters and controller.
       variants: plant, sensors, faults and start of each trial where they differ.
       loop: its name; None: the first.
     """
-    return BUILDERS[scenario.family](scenario, loop or scenario.loop_names[0], trials, guests or Guests(), variants)
+    return BUILDERS[scenario.family](scenario, loop or scenario.loop_names[0], trials, user_code or UserCode(), variants)
 
 
-def _body(scenario: Scenario, loop: str, trials: Trials, guests: Guests, variants: Variants | None) -> System:
-    return build_body(scenario.singles()[loop], trials, guests, variants)
+def _body(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_body(scenario.singles()[loop], trials, user_code, variants)
 
 
-def _formation(scenario: FormationScenario, loop: str, trials: Trials, guests: Guests, variants: Variants | None) -> System:
-    return build_formation(scenario, loop, _compiled(scenario.plant), trials)
+def _formation(scenario: FormationScenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_formation(scenario, loop, _compiled(scenario.plant), trials, user_code)
 
 
-def _consensus(scenario: ConsensusScenario, loop: str, trials: Trials, guests: Guests, variants: Variants | None) -> System:
-    return build_consensus(scenario, loop, trials)
+def _consensus(scenario: ConsensusScenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_consensus(scenario, loop, trials, user_code)
 
 
 @lru_cache(maxsize=2)

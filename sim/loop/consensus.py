@@ -22,6 +22,9 @@ from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import Trials
 from sim.scenario.consensus import CommandFault, ConsensusScenario, DisturbanceFault, DynamicsFault
 from sim.sensors.planar import PlanarSensors
+from sim.user_code.laws import PlanarUserLaw
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
 LIMIT = np.array([1e3, 1e3, 4e2, 4e2])  # m, m/s: a trial with an agent beyond that is lost; its network's polynomials would soon overflow
 NETWORK = ChebyshevNetwork()
@@ -73,11 +76,13 @@ class ConsensusLaw:
       law: on the graph.
       scenario: whose leader is followed.
       dt: control period, s.
+      user: a user's law in its place.
     """
 
     law: TerminalSlidingMode
     scenario: ConsensusScenario
     dt: float
+    user: PlanarUserLaw | None = None
 
     def start(self, estimate: ConsensusEstimate) -> None:
         """Nothing is remembered."""
@@ -90,7 +95,11 @@ class ConsensusLaw:
 
     def decide(self, tick: int, estimate: ConsensusEstimate, messages: Heard, memory: None) -> Decision:
         """Force on each agent, (trials, agents, 2) N."""
-        sliding = self.law.step(lumped(estimate.learned.motion, messages.messages, messages.listening), estimate.known)
+        motion = estimate.learned.motion
+        if self.user is not None:
+            sliding = self.user.step(motion, messages, estimate.known)
+        else:
+            sliding = self.law.step(lumped(motion, messages.messages, messages.listening), estimate.known)
         return Decision(sliding.force, None, {"sliding": sliding})
 
 
@@ -141,7 +150,7 @@ def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
     }
 
 
-def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials) -> System:
+def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> System:
     """All parts of one loop of a scenario, for the given trial numbers."""
     settings, run = scenario.loops[name], scenario.run
     dt = settings.tick_s if isinstance(settings, Adaptive) else run.tick_s
@@ -150,15 +159,17 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials) -> S
     plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
     process, graph = PlanarAgent(NETWORK, parameters.mass_kg), scenario.graph.build()
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
+    place = surroundings(scenario)
+    user_law = user_code.control(place)
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
         plant=plant,
         sensors=PlanarSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4))),
-        estimators=(learner(name, settings, scenario.tuning, process, run.seed, trials),),
+        estimators=(learner(name, settings, scenario.tuning, process, run.seed, trials), *user_code.filters(place)),
         feedback=ConsensusFeedback(scenario, isinstance(settings, Exact), dt),
         network=Network(graph, LinkFaults.none(run.ticks * inner, graph), losses, skip=False),
-        law=ConsensusLaw(scenario.control.build(), scenario, dt),
+        law=ConsensusLaw(scenario.control.build(), scenario, dt, PlanarUserLaw(user_law) if user_law else None),
         effectors=ConsensusEffectors(scenario, dt, len(trials)),
         change=lambda tick: None,
         trials=trials,

@@ -14,17 +14,20 @@ from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
 from sim.controllers.drives import Drives, Stored, effectors
 from sim.controllers.drives import Effectors as FormationDrives
-from sim.estimators.formation import AgentsFilter, agents_filter
+from sim.estimators.formation import agents_filter
 from sim.faults.formation import FormationFaults, schedule
 from sim.faults.timeline import Occurrence
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
 from sim.network.messages import Heard, LinkFaults, Network
-from sim.parts import AnyArray, Array, Decision, Flags, Given, Snapshot
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.formation import AgentsTruth, FormationPlant, formation_plant
 from sim.randomness import Trials
 from sim.scenario.formation import FormationScenario
 from sim.sensors.rodrigues import RodriguesSensors
+from sim.user_code.laws import FormationUserLaw
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
 
 class FormationEstimate(NamedTuple):
@@ -49,15 +52,14 @@ class FormationFeedback:
     """
 
     source: str
-    estimators: tuple[AgentsFilter, ...]
+    estimators: tuple[Estimator, ...]
     drives: FormationDrives
     shadow: bool
 
     def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: AgentsTruth, reading: Array, held: Array) -> FormationEstimate:
         """What each agent acts on; to be called once a tick, since tachometers are read."""
         state, true = truth.state, self.source == "truth"
-        names = [estimator.names[0] for estimator in self.estimators]
-        believed = state if true else beliefs[names.index(self.source)].belief.mean
+        believed = state if true else self._believed(beliefs)
         stored: Stored | None = self.drives.stored(truth)
         return FormationEstimate(
             state=state,
@@ -66,6 +68,12 @@ class FormationFeedback:
             stored=None if stored is None else stored.true if true else stored.read,
             read=None if stored is None else stored.read,
         )
+
+    def _believed(self, beliefs: tuple[Any, ...]) -> Array:
+        names = [estimator.names[0] for estimator in self.estimators]
+        index = names.index(self.source)
+        mean: Array = self.estimators[index].summary(beliefs[index]).mean[0]
+        return mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +88,7 @@ class NetworkedLaw:
       dt: s.
     """
 
-    law: FormationLaw
+    law: FormationLaw | FormationUserLaw
     follow: LeaderAccelerationFilter
     faults: FormationFaults
     leader: Array
@@ -145,7 +153,7 @@ class FormationRecord:
     """
 
     leader: Array
-    estimators: tuple[AgentsFilter, ...]
+    estimators: tuple[Estimator, ...]
     shadow: bool
     wheels: int
     limit_nm: float
@@ -182,9 +190,11 @@ class FormationRecord:
             "acceleration_error": np.sqrt(_squares(now.memory - leader[6:])),
         }
         for estimator, belief in zip(self.estimators, now.beliefs, strict=True):
-            wrong = belief.belief.mean[..., 3:] - state[..., 3:]
+            summary = estimator.summary(belief)
+            wrong = summary.mean[0, ..., 3:] - state[..., 3:]
             row[f"{estimator.names[0]}/velocity_squared"] = _squares(wrong) / state.shape[-2]
-            row[f"{estimator.names[0]}/lost"] = np.sum(belief.lost, axis=-1, dtype=float)
+            if summary.memory is not None:
+                row[f"{estimator.names[0]}/lost"] = np.sum(summary.memory.restarted[0], axis=-1, dtype=float)
         if self.wheels:
             row |= {
                 "peak_wheel_speed": np.max(np.abs(now.truth.omega_wheel), axis=-1),
@@ -214,7 +224,7 @@ class FormationChange:
             self.plant.set_inertias(self.inertia + np.diag(added[tick]))
 
 
-def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, trials: Trials) -> System:
+def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, trials: Trials, user_code: UserCode) -> System:
     """All parts of one loop of a scenario, for the given trial numbers."""
     loop, run, parameters, graph = scenario.loops[name], scenario.run, scenario.plant, scenario.communication()
     ticks, dt, agents = run.ticks, run.tick_s, parameters.agents
@@ -225,7 +235,11 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(()))
     drives: Drives | Any = effectors(parameters, agents, faults, run.seed, trials, dt)
     watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o != "truth"]
-    estimators = tuple(agents_filter(o, scenario.observers[o], parameters, run.seed, trials) for o in watching)
+    place = surroundings(scenario)
+    own = (agents_filter(o, scenario.observers[o], parameters, run.seed, trials) for o in watching if o in scenario.observers)
+    estimators: tuple[Estimator, ...] = (*own, *user_code.filters(place))
+    user_law = user_code.control(place)
+    law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
     record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm)
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
     return System(
@@ -235,7 +249,7 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),
         network=Network(graph, LinkFaults(faults.loss, faults.delay, faults.cut), losses, scenario.graph.when_lost == "skip"),
         law=NetworkedLaw(
-            FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm),
+            FormationUserLaw(user_law) if user_law else law,
             LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign)),
             faults,
             leader,

@@ -20,13 +20,14 @@ from sim.estimators.tunings import TUNINGS
 from sim.faults.timeline import Occurrence
 from sim.loop.closed_loop import System, run
 from sim.loop.recording import Recording
-from sim.parts import AnyArray, Snapshot
+from sim.parts import AnyArray, Estimator, Snapshot
 from sim.plant.kinds import compile_plant
 from sim.replay.flight_log import STATES, FlightLog
 from sim.replay.logged_parts import LoggedCommands, LoggedPlant, LoggedSensors, SilentLaw, nobody, nothing_changes
 from sim.scenario import files
 from sim.scenario.one_body import Scenario
-from sim.user_code.guests import Guests
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
 Array = NDArray[np.floating]
 
@@ -84,14 +85,14 @@ def choose(scenario: Scenario, wanted: list[str]) -> dict[str, ObserverSettings]
     return chosen
 
 
-def replay(log: FlightLog, scenario: Scenario, chosen: dict[str, ObserverSettings], guests: Guests) -> Replayed:
+def replay(log: FlightLog, scenario: Scenario, chosen: dict[str, ObserverSettings], user_code: UserCode) -> Replayed:
     """Run filters over a block of trials: the closed loop, with sensors that read the log and nobody who acts.
 
     Raises:
       SimulationFailed: a filter lost definiteness.
     """
     models, wheels = Models.of(scenario.plant), scenario.plant.wheel_axes.shape[1]
-    banks = build_banks(chosen, models, scenario.sensors, wheels) + guests.banks(models, scenario.sensors, wheels)
+    banks: tuple[Estimator, ...] = (*build_banks(chosen, models, scenario.sensors, wheels), *user_code.filters(surroundings(scenario)))
     ticks, trials = log.reading.shape[:2]
     fault = np.zeros((ticks, trials), dtype=bool) if log.fault is None else log.fault
     unknown = np.full((ticks, 4), np.nan)
@@ -100,7 +101,7 @@ def replay(log: FlightLog, scenario: Scenario, chosen: dict[str, ObserverSetting
         each = {
             name: part
             for bank, belief in zip(banks, now.beliefs, strict=True)
-            for name, part in zip(bank.names, belief.innovation, strict=True)
+            for name, part in zip(bank.names, bank.summary(belief).innovation, strict=True)
         }
         known = {"reading": log.reading[tick], "command": log.command[tick], "applied": log.command[tick], "fault": fault[tick]}
         return known | {"torque_B": now.decision.effort} | {f"{INNOVATION}{name}": part for name, part in each.items()}

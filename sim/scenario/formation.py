@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
@@ -133,7 +133,7 @@ class FormationScenario(Section):
         return loops
 
     @model_validator(mode="after")
-    def _fits_together(self) -> FormationScenario:
+    def _fits_together(self, info: ValidationInfo) -> FormationScenario:
         agents = self.plant.agents
         if len(self.plant.believed_inertia) != agents:
             raise ValueError(f"plant: {agents} agents, but {len(self.plant.believed_inertia)} believed inertias")
@@ -144,10 +144,11 @@ class FormationScenario(Section):
             graph = self.communication()
         except ValueError as complaint:
             raise ValueError(f"graph: {complaint}") from None
+        known = ["truth", *self.observers, *(info.context or {}).get("guests", ())]
         for name, loop in self.loops.items():
             for observer in (loop.feedback, *loop.watching):
-                if observer != "truth" and observer not in self.observers:
-                    raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(['truth', *self.observers])}")
+                if observer not in known:
+                    raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(known)}")
         if taken := [name for name in self.observers if name in RESERVED]:
             raise ValueError(f"observers: {taken[0]!r} means something else")
         if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
