@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 
 from estimation.consistency import average_test
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 from sim.replay.flight_log import STATES, export, read
 from sim.scenario.files import load
 from sim.user_code.user_code import UserCode

@@ -84,7 +84,7 @@ def simulate(
         if len(keep):
             recordings[name] = recording.select(keep)
     settings = getattr(scenario, "identification", None)
-    if settings is not None:
+    if settings is not None and {settings.adaptive, settings.nominal} <= flown.keys():
         try:
             more, findings = identified(scenario, flown, lambda single: build(single, trials, user_code, variants))
         except SimulationFailed as failure:

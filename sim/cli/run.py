@@ -97,7 +97,7 @@ def run(
     if export_log and recordings:
         from sim.replay.flight_log import export
 
-        export(target / LOG, recordings["loop"], loaded, name)
+        export(target / LOG, recordings, loaded, name)
     if statistics := rows(ended.metrics):
         ended.say_what()
         for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):

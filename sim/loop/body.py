@@ -53,18 +53,13 @@ def build_body(
     assembly = compile_plant(parameters)
     inertia = parameters.believed_inertia if isinstance(parameters, MonolithicParameters) else assembly.inertia
     wheels = len(assembly.wheel_joints)
-    models = Models.of(parameters)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
     sensors = SensorArrays.of(variants.sensors)
     faults = schedule(variants.faults, run.seed, trials, run.ticks, run.tick_s, wheels)
     observer = scenario.observers.get(law.feedback)
     modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
-    place = surroundings(scenario)
-    estimators: tuple[Estimator, ...] = (
-        *build_banks(scenario.observers, models, scenario.sensors, wheels, run.seed, trials),
-        *user_code.filters(place),
-    )
-    controller = tracking(user_code.control(place)) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
+    estimators = body_estimators(scenario, trials, user_code)
+    controller = tracking(user_code.control(surroundings(scenario))) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
     plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(scenario, variants)
     return System(
         plant=plant,
@@ -88,6 +83,13 @@ def build_body(
         references=target_channels(target),
         occurrences=faults.occurrences,
     )
+
+
+def body_estimators(scenario: Scenario, trials: NDArray[np.int64], user_code: UserCode) -> tuple[Estimator, ...]:
+    """The observers of the one loop of a scenario, and the user's filters."""
+    models, wheels = Models.of(scenario.plant), scenario.plant.wheel_axes.shape[1]
+    banks = build_banks(scenario.observers, models, scenario.sensors, wheels, scenario.run.seed, trials)
+    return (*banks, *user_code.filters(surroundings(scenario)))
 
 
 def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> Array:

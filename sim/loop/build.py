@@ -6,13 +6,18 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
+from estimation.state_space import Euclidean, StateSpace
+from models.plants.agents import compile_agents as compile_planar
 from models.plants.assembly import Assembly
-from sim.loop.body import build_body
+from sim.loop.body import body_estimators, build_body
 from sim.loop.closed_loop import System
-from sim.loop.consensus import build_consensus
-from sim.loop.formation import build_formation
+from sim.loop.consensus import build_consensus, consensus_estimators
+from sim.loop.formation import build_formation, formation_estimators
+from sim.loop.recorder import MULTIPLICATIVE
 from sim.loop.variants import Variants
+from sim.parts import Estimator
 from sim.plant.formation import Parameters, compile_agents
+from sim.plant.kinds import compile_plant
 from sim.randomness import Trials
 from sim.scenario.consensus import ConsensusScenario
 from sim.scenario.files import AnyScenario
@@ -38,6 +43,21 @@ def build(
     return BUILDERS[scenario.family](scenario, loop or scenario.loop_names[0], trials, user_code or UserCode(), variants)
 
 
+def build_estimators(scenario: AnyScenario, trials: Trials, user_code: UserCode, loop: str) -> tuple[Estimator, ...]:
+    """The estimators of a closed loop alone, as `build` makes them."""
+    return ESTIMATORS[scenario.family](scenario, loop, trials, user_code)
+
+
+def assembly_of(scenario: AnyScenario) -> Assembly:
+    """The compiled plant of a scenario."""
+    return ASSEMBLIES[scenario.family](scenario)
+
+
+def errors_of(scenario: AnyScenario) -> StateSpace:
+    """Coordinates in which estimates are held against the truth."""
+    return ERRORS[scenario.family]
+
+
 def _body(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
     return build_body(scenario.singles()[loop], trials, user_code, variants)
 
@@ -50,10 +70,29 @@ def _consensus(scenario: ConsensusScenario, loop: str, trials: Trials, user_code
     return build_consensus(scenario, loop, trials, user_code)
 
 
-@lru_cache(maxsize=2)
 def _compiled(parameters: Parameters) -> Assembly:
     """All loops of a scenario share one model."""
-    return compile_agents(parameters)
+    return _compiled_from(type(parameters), parameters.model_dump_json())
 
 
+@lru_cache(maxsize=2)
+def _compiled_from(kind: type[Parameters], said: str) -> Assembly:
+    return compile_agents(kind.model_validate_json(said))
+
+
+def _body_estimators(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    return body_estimators(scenario.singles().get(loop, scenario), trials, user_code)
+
+
+ESTIMATORS: dict[str, Callable[[Any, str, Trials, UserCode], tuple[Estimator, ...]]] = {
+    "body": _body_estimators,
+    "formation": formation_estimators,
+    "consensus": consensus_estimators,
+}
+ASSEMBLIES: dict[str, Callable[[Any], Assembly]] = {
+    "body": lambda scenario: compile_plant(scenario.plant),
+    "formation": lambda scenario: _compiled(scenario.plant),
+    "consensus": lambda scenario: compile_planar(scenario.plant),
+}
+ERRORS: dict[str, StateSpace] = {"body": MULTIPLICATIVE, "formation": Euclidean(), "consensus": Euclidean()}
 BUILDERS: dict[str, Builder] = {"body": _body, "formation": _formation, "consensus": _consensus}

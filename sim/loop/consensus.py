@@ -17,7 +17,7 @@ from sim.estimators.learner_settings import Adaptive, Exact
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
 from sim.network.messages import Heard, LinkFaults, Network
-from sim.parts import AnyArray, Array, Decision, Flags, Given, Snapshot
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import Trials
 from sim.scenario.consensus import CommandFault, ConsensusScenario, DisturbanceFault, DynamicsFault
@@ -145,6 +145,7 @@ def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
         "reading": now.reading,
         "estimate": estimate.learned.motion,
         "force": now.given.notes["force"],
+        "known": np.concatenate([now.given.known.force, now.given.known.surface], axis=-1),
         "unknown": estimate.unknown,
         "learned": estimate.known,
     }
@@ -157,16 +158,15 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     inner = round(run.tick_s / dt)
     parameters = scenario.plant.model_copy(update={"step_s": min(scenario.plant.step_s, dt)})
     plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
-    process, graph = PlanarAgent(NETWORK, parameters.mass_kg), scenario.graph.build()
+    graph = scenario.graph.build()
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
-    place = surroundings(scenario)
-    user_law = user_code.control(place)
+    user_law = user_code.control(surroundings(scenario))
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
         plant=plant,
         sensors=PlanarSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4))),
-        estimators=(learner(name, settings, scenario.tuning, process, run.seed, trials), *user_code.filters(place)),
+        estimators=consensus_estimators(scenario, name, trials, user_code),
         feedback=ConsensusFeedback(scenario, isinstance(settings, Exact), dt),
         network=Network(graph, LinkFaults.none(run.ticks * inner, graph), losses, skip=False),
         law=ConsensusLaw(scenario.control.build(), scenario, dt, PlanarUserLaw(user_law) if user_law else None),
@@ -201,3 +201,10 @@ def unknown_force(scenario: ConsensusScenario, motion: Array, time: float) -> Ar
                 amplitude, rate, numbered = fault.amplitude_n, fault.rate_rad_s, fault.by_agent
     pushed = disturbance(time, amplitude, rate) if numbered else amplitude * np.array([np.sin(rate * time), np.cos(rate * time)])
     return scenario.plant.unknown_force(motion, gain) + pushed
+
+
+def consensus_estimators(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    """How one loop of a scenario learns, and the user's filters."""
+    process, settings = PlanarAgent(NETWORK, scenario.plant.mass_kg), scenario.loops[name]
+    learning = learner(name, settings, scenario.tuning, process, scenario.run.seed, trials)
+    return (learning, *user_code.filters(surroundings(scenario)))

@@ -165,6 +165,7 @@ class FormationRecord:
             "truth/q_BN": modified_rodrigues.to_quaternion(state[..., :3]),
             "reading": now.reading,
             "torque_B": now.decision.effort,
+            "known": now.given.known,
             "applied": now.given.notes["applied"],
             "control/acceleration": now.memory,
             "messages/received": np.broadcast_to(received, (len(state), received.shape[-1])),
@@ -234,11 +235,8 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     first = modified_rodrigues.shorter(scenario.starts) if loop.shadow else scenario.starts
     plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(()))
     drives: Drives | Any = effectors(parameters, agents, faults, run.seed, trials, dt)
-    watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o != "truth"]
-    place = surroundings(scenario)
-    own = (agents_filter(o, scenario.observers[o], parameters, run.seed, trials) for o in watching if o in scenario.observers)
-    estimators: tuple[Estimator, ...] = (*own, *user_code.filters(place))
-    user_law = user_code.control(place)
+    estimators = formation_estimators(scenario, name, trials, user_code)
+    user_law = user_code.control(surroundings(scenario))
     law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
     record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm)
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
@@ -266,6 +264,14 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
         occurrences=tuple(Occurrence(trial, *event) for trial, _ in enumerate(trials) for event in faults.occurrences),
         errors=Euclidean(),
     )
+
+
+def formation_estimators(scenario: FormationScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    """The observers of one loop of a scenario, and the user's filters."""
+    loop, seed = scenario.loops[name], scenario.run.seed
+    watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o in scenario.observers]
+    own = (agents_filter(o, scenario.observers[o], scenario.plant, seed, trials) for o in watching)
+    return (*own, *user_code.filters(surroundings(scenario)))
 
 
 def push(size: float, time: float) -> Array:

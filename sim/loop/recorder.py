@@ -48,6 +48,9 @@ class Recorder:
         self._arrays: dict[str, Array] = {}
         self._figures: dict[str, Array] = {}
         self._covariance: dict[int, Array] = {}
+        self._sparse = keep is not None  # what is not kept of a trial goes into its figures tick by tick
+        self._states: dict[int, tuple[Array, Array]] = {}
+        self._truth: Array = np.empty(0)
 
     @property
     def past(self) -> Array:
@@ -60,7 +63,8 @@ class Recorder:
 
     def begin(self, tick: int, truth: Any) -> None:
         """Keep the truth of a tick."""
-        self.put("truth/state", tick, truth.state[self._keep])
+        self._truth = truth.state
+        self.put("truth/state", tick, self._truth[self._keep])
 
     def tick(self, tick: int, now: Snapshot, channels: dict[str, AnyArray], figures: dict[str, AnyArray]) -> None:
         """Keep the rest of a tick; it counts as recorded from now on."""
@@ -104,21 +108,32 @@ class Recorder:
             self._keep_covariance(index, tick, belief)
 
     def _keep_covariance(self, index: int, tick: int, belief: Belief) -> None:
-        covariance = belief.covariance[:, self._keep]
-        covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *covariance.shape)))
-        covariances[tick % _BLOCK] = covariance
+        covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
+        covariances[tick % _BLOCK] = belief.covariance
+        if self._sparse:
+            means, truths = self._states.setdefault(index, (np.empty((_BLOCK, *belief.mean.shape)), np.empty((_BLOCK, *self._truth.shape))))
+            means[tick % _BLOCK], truths[tick % _BLOCK] = belief.mean, self._truth
+            for member, name in enumerate(self.estimators[index].names):
+                _put(self._figures, self.ticks, f"{name}/nis", tick, _mean_of_agents(belief.nis[member]))
         if tick % _BLOCK == _BLOCK - 1:
             self._reduce(index, tick + 1)
 
     def _reduce(self, index: int, stop: int) -> None:
         """Turn the covariances of the last block into NEES and standard deviations, in the error coordinates of the state."""
         start = (stop - 1) // _BLOCK * _BLOCK
-        space = self.estimators[index].space
-        mean = self._arrays[f"{index}:mean"][start:stop]
-        truth = self._arrays["truth/state"][start:stop, None, ..., : mean.shape[-1]]
-        covariance = space.reduce(mean, self._covariance[index][: stop - start])
-        error = self._errors.difference(truth, mean)
+        space, size = self.estimators[index].space, stop - start
+        if self._sparse:
+            mean, truth = (block[:size] for block in self._states[index])
+        else:
+            mean, truth = self._arrays[f"{index}:mean"][start:stop], self._arrays["truth/state"][start:stop]
+        covariance = space.reduce(mean, self._covariance[index][:size])
+        error = self._errors.difference(truth[:, None, ..., : mean.shape[-1]], mean)
         nees = normalized_squared(error, self._spanned(index, start, stop, covariance))
+        if self._sparse:
+            for member, name in enumerate(self.estimators[index].names):
+                figure = self._figures.setdefault(f"{name}/nees", np.full((self.ticks, len(self.trials)), np.nan))
+                figure[start:stop] = _mean_of_agents(nees[:, member])
+            nees, covariance = nees[:, :, self._keep], covariance[:, :, self._keep]
         variance = np.diagonal(covariance, axis1=-2, axis2=-1)
         sigma = np.sqrt(np.where(variance < 0.0, np.nan, variance))
         for name, value in (("nees", nees), ("sigma", sigma)):
@@ -128,7 +143,7 @@ class Recorder:
     def _spanned(self, index: int, start: int, stop: int, covariance: Array) -> Array:
         """Covariances, NaN where too few particles count to span one."""
         ess = self._arrays.get(f"{index}:ess")
-        if ess is None:
+        if ess is None or self._sparse:
             return covariance
         return np.where((ess[start:stop] > covariance.shape[-1] + 1)[..., None, None], covariance, np.nan)
 
@@ -150,6 +165,13 @@ class Recorder:
         positions = np.arange(len(self.trials))[self._keep].tolist()
         kept = tuple(o._replace(trial=positions.index(o.trial)) for o in occurrences if o.trial in positions)
         return Recording(self.dt, self.trials[self._keep], channels, thresholds, kept, {}, figures, self.trials)
+
+
+def _mean_of_agents(values: Array) -> Array:
+    """Over the last axis but those of ticks and trials, of what is a number; (..., trials, agents) to (..., trials)."""
+    known = ~np.isnan(values)
+    count = np.sum(known, axis=-1)
+    return np.where(count > 0, np.sum(np.where(known, values, 0.0), axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def _put(arrays: dict[str, Array], ticks: int, name: str, tick: int, value: AnyArray) -> None:

@@ -34,7 +34,8 @@ def judge(assembly: Assembly, recording: Recording, loop: str, law: ControlSetti
     """Metrics of the channels in a loop; none if the loop is not under unfalsified control."""
     if not isinstance(law, UnfalsifiedSettings):
         return []
-    return _pointing(recording, loop) + ([] if law.frozen else _switching(assembly, recording))
+    switching = "control/switched" in recording.channels and not law.frozen  # a user's own law may have taken the place of it
+    return _pointing(recording, loop) + (_switching(assembly, recording) if switching else [])
 
 
 def controllers(recording: Recording) -> Controllers | None:

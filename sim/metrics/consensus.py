@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.dynamics.state_layout import POSITION, VELOCITY
 from sim.loop.recording import Recording
+from sim.metrics.formation import mean_of_numbers
 from sim.metrics.one_body import Metric
 
 Array = NDArray[np.floating]
@@ -53,6 +55,21 @@ def evaluate(name: str, recording: Recording) -> list[Metric]:
             Metric(name, "dynamics_error", label, "N", np.sqrt(np.mean(wrong[:, ticks], axis=-1))),
             Metric(name, "effort", label, "N", np.mean(effort[:, ticks], axis=-1)),
         ]
+        for observer in recording.observers:
+            out += _of_an_estimate(name if observer == name else f"{name}/{observer}", recording, observer, label, ticks)
+    return out
+
+
+def _of_an_estimate(subject: str, recording: Recording, observer: str, phase: str, ticks: slice) -> list[Metric]:
+    """Errors of an estimate of all agents' motion against the truth, and their consistency."""
+    wrong = recording.channels[f"{observer}/mean"][ticks] - recording.channels["truth/state"][ticks]
+    out = []
+    for metric, unit, place in (("rms_position_error", "m", POSITION), ("rms_velocity_error", "m/s", VELOCITY)):
+        squares = np.ascontiguousarray(np.swapaxes(np.sum(wrong[..., place] ** 2, axis=-1), 0, 1))
+        out.append(Metric(subject, metric, phase, unit, np.sqrt(mean_of_numbers(squares.reshape(len(squares), -1)))))
+    for part in ("nees", "nis"):
+        values = np.ascontiguousarray(np.swapaxes(recording.channels[f"{observer}/{part}"][ticks], 0, 1))
+        out.append(Metric(subject, f"{part}_mean", phase, "1", mean_of_numbers(values.reshape(len(values), -1))))
     return out
 
 

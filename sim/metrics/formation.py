@@ -47,10 +47,19 @@ def evaluate(loop: str, recording: Recording, scenario: FormationScenario) -> li
             subject = loop if observer == feedback else f"{loop}/{observer}"
             if what == "velocity_squared":
                 out.append(Metric(subject, "rms_velocity_error", phase, "1/s", np.sqrt(np.mean(values, axis=-1))))
+            elif what in ("nees", "nis"):
+                out.append(Metric(subject, f"{what}_mean", phase, "1", mean_of_numbers(values)))
             elif what == "lost":
                 out.append(Metric(subject, "lost_filters", phase, "1", np.sum(values, axis=-1)))
     out.append(Metric(loop, "settling_time_s", "all", "s", settling_time(figures["fkae"], recording.dt)))
     return out
+
+
+def mean_of_numbers(values: Array) -> Array:
+    """Over ticks, of what is a number; (trials, ticks) to (trials,), NaN where nothing is."""
+    known = ~np.isnan(values)
+    count = np.sum(known, axis=-1)
+    return np.where(count > 0, np.sum(np.where(known, values, 0.0), axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def settling_time(fkae: Array, dt: float) -> Array:

@@ -10,12 +10,13 @@ import numpy as np
 from models.plants.assembly import Assembly
 from sim.parts import Array, Decision, Flags, Given
 from sim.replay.flight_log import FlightLog
+from sim.replay.log_columns import LogColumns
 
 
 class LoggedTruth(NamedTuple):
     """What is so at one instant, NaN where nobody knows it."""
 
-    state: Array  # (trials, n)
+    state: Array  # (trials, [agents,] n)
 
 
 class LoggedPlant:
@@ -68,20 +69,21 @@ class SilentLaw:
 
 @dataclass(frozen=True, eq=False)
 class LoggedCommands:
-    """Give what the log says was commanded."""
+    """Give what the log says was known of the drives."""
 
     log: FlightLog
+    columns: LogColumns
 
     def rest(self) -> Given:
         """Nothing yet."""
-        return self._given(self.log.command[0], self.log.reading[0])
+        return self._given(0, self.log.reading[0])
 
     def give(self, tick: int, decision: Decision, estimate: Any, held: Array, before: Given, lost: Flags) -> Given:
-        """What was commanded at a tick, and the wheel speeds that were read last."""
-        return self._given(self.log.command[tick], held)
+        """What was known at a tick, with the reading that was held."""
+        return self._given(tick, held)
 
-    def _given(self, command: Array, held: Array) -> Given:
-        return Given(command, None, np.concatenate([command, held[..., 7:]], axis=-1), None, {})
+    def _given(self, tick: int, held: Array) -> Given:
+        return Given(np.zeros((len(held), 0)), None, self.columns.told(self.log.known[tick], held), None, {})
 
 
 def nobody(tick: int, beliefs: tuple[Any, ...], truth: LoggedTruth, reading: Array, held: Array) -> None:
