@@ -33,7 +33,7 @@ CLEAR_OF_LADDERS = (
 )
 CLEAR_OF_BARE_SLICES = (
     *("models.ground", "models.attitude", "models.plants", "control"),
-    *("sim.ground", "sim.plant", "sim.network", "sim.controllers", "sim.scenario", "sim.tables", "sim.cli"),
+    *("sim.ground", "sim.plant", "sim.network", "sim.controllers", "sim.scenario", "sim.user_code", "sim.tables", "sim.cli"),
 )
 
 
