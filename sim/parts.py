@@ -42,7 +42,11 @@ class Plant(Protocol):
         ...
 
     def advance(self, wheel_torque: Array, push: Any, steps: int) -> None:
-        """Advance by whole physics steps; raises SimulationFailed."""
+        """Advance by whole physics steps; raises SimulationFailed, after which the trials that did not fail are advanced."""
+        ...
+
+    def put_back(self, where: Flags) -> None:
+        """Put some trials, (trials,), back to their start, where they do no harm."""
         ...
 
 
@@ -90,6 +94,10 @@ class Estimator(Protocol):
 
     def put_back(self, where: Flags, first: Any, belief: Any) -> Any:
         """The belief with the `first` one in some trials, (trials,)."""
+        ...
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
         ...
 
     def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
@@ -178,7 +186,8 @@ class Snapshot(NamedTuple):
     memory: Any  # of the law, before the decision
     decision: Decision
     given: Given
-    lost: Flags  # (trials,)
+    lost: Flags  # (trials,) given up: nothing of them counts but the truth
+    failed: Flags  # (trials,) broken down: not even the truth counts
 
 
 Kept = Callable[[int, Snapshot], dict[str, AnyArray]]

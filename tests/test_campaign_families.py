@@ -11,12 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
 
-from sim.campaign.blocks import Shard, simulate
+from sim.campaign.blocks import simulate
 from sim.campaign.draws import picked
 from sim.campaign.file import CAMPAIGNS
 from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import fly
 from sim.cli.campaign import _jobs
+from sim.loop.lost_trials import LostTrial
+from sim.metrics.trial_block import TrialBlock
 from sim.report.campaign.sweep import abscissa
 from sim.scenario.files import check, dumped, load
 
@@ -112,9 +114,10 @@ def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
     campaign = load_campaign(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
 
     def failing(scenario, trials, recorded):
-        if 1 in trials:
-            return Shard(trials, [], {}, "it broke")
-        return simulate(scenario, trials, recorded)
+        whole = simulate(scenario, trials, recorded)
+        alive = whole.trials[whole.trials != 1]
+        metrics = [metric.of(whole.trials, alive) for metric in whole.metrics]
+        return TrialBlock(alive, metrics, {}, (LostTrial(1, 10, 0.1, "it broke"),))
 
     monkeypatch.setattr("sim.campaign.shard.simulate", failing)
     job = _jobs(campaign, [json.dumps(dumped(campaign.at(0)))])[0]

@@ -6,10 +6,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from sim.campaign.blocks import cut, join, simulate
+from sim.campaign.blocks import cut, simulate
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
+from sim.metrics.trial_block import join
 from sim.scenario.files import load
 
 SHORT = {"run.ticks": 120, "faults.0.start_s": 3.0, "faults.1.start_s": 7.0}

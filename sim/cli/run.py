@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sim.bad_input import BadInput
-from sim.campaign.blocks import Shard, cut, join, simulate_all
+from sim.campaign.blocks import cut, simulate_all
 from sim.campaign.draws import alone
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
@@ -23,6 +23,7 @@ from sim.loop.build import build
 from sim.loop.recorder import Recorder
 from sim.loop.recording import Recording
 from sim.metrics.results import rows
+from sim.metrics.trial_block import TrialBlock, join
 from sim.scenario.files import AnyScenario
 from sim.tables.register import tables_of
 from sim.user_code.user_code import UserCode
@@ -79,16 +80,16 @@ def run(
         err.print(f"warning: {warning}", style="yellow", markup=False)
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
-    shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
+    blocks, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
     if stream:
         stream.close()
-    failure = next((shard for shard in shards if shard.failure), None)
-    finished, metrics, recordings = join(shards)
-    if failure and failure.recordings:
-        recordings = failure.recordings
+    finished, metrics, recordings = join(blocks)
+    broken = sorted(one for block in blocks for one in block.lost)
+    if not recordings:
+        recordings = next((block.recordings for block in blocks if block.recordings), {})
     wall = time.perf_counter() - started
-    reason = failure.failure if failure else None
-    ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reason, stopped)
+    reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
+    ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped)
     if not len(finished) and not recordings:
         ended.give_up()
     ended.write_figures(target, overwrite, **user_code.described)
@@ -124,9 +125,9 @@ def _simulate(
     workers: int,
     user_code: UserCode,
     stream: Callable[[int, Recorder], None] | None,
-) -> tuple[list[Shard], bool]:
-    """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
-    shards: list[Shard] = []
+) -> tuple[list[TrialBlock], bool]:
+    """Blocks that finished, and whether the user stopped the rest."""
+    blocks: list[TrialBlock] = []
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -139,7 +140,7 @@ def _simulate(
         seconds = loaded.run.tick_s
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
-            for shard in simulate_all(
+            for block in simulate_all(
                 loaded,
                 cut(numbers, workers),
                 recorded,
@@ -149,12 +150,10 @@ def _simulate(
                 source,
                 stream,
             ):
-                shards.append(shard)
-                if shard.failure:
-                    break
+                blocks.append(block)
         except KeyboardInterrupt:
-            return shards, True
-    return shards, False
+            return blocks, True
+    return blocks, False
 
 
 def _draw(target: Path, name: str, loaded: AnyScenario, user_code: UserCode, recordings: dict[str, Recording]) -> None:

@@ -33,7 +33,7 @@ class Ended:
       trials: numbers of those that were finished.
       metrics: of those.
       wall_s: what it took.
-      failure: why it ended early, if it did by itself.
+      failures: what broke down.
       stopped: whether the user ended it.
     """
 
@@ -44,7 +44,7 @@ class Ended:
     trials: NDArray[np.int64]
     metrics: list[Metric]
     wall_s: float
-    failure: str | None
+    failures: list[str]
     stopped: bool
 
     @property
@@ -52,9 +52,15 @@ class Ended:
         """Time of flight of all loops and trials together."""
         return self.scenario.run.tick_s * self.scenario.run.ticks * len(self.trials) * self.loops
 
+    @property
+    def _first(self) -> str:
+        """The first that broke down, and how many more."""
+        others = len(self.failures) - 1
+        return self.failures[0] + (f"; and {others} more trial{'s' if others > 1 else ''}" if others else "")
+
     def give_up(self) -> NoReturn:
         """Leave the command without a result."""
-        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self.failure}")
+        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self._first}")
         raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
 
     def write_figures(self, folder: Path, overwrite: bool, **described: Any) -> None:
@@ -81,8 +87,8 @@ class Ended:
             out.print(f"Log        {folder / LOG}\nReplay it  nacs replay {folder / LOG}")
         if (folder / RECORDING).is_file():
             out.print(f"Recording  {folder / RECORDING}\nOpen it    {how_to_open(folder / RECORDING)}")
-        if self.failure:
-            err.print(f"error: {self.failure}; what was recorded until then is in {folder}")
+        if self.failures:
+            err.print(f"error: {self._first}; what was recorded until then is in {folder}", markup=False)
             raise typer.Exit(FAILED)
         if self.stopped:
             err.print(f"interrupted: {len(self.trials)} of {self.wanted} trials were finished and kept in {folder}")

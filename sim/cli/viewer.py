@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.loop.build import build
-from sim.loop.closed_loop import run
+from sim.loop.closed_loop import run_whole
 from sim.loop.motion import FIRST
 from sim.loop.recorder import Recorder
 from sim.scenario.files import AnyScenario
@@ -43,7 +43,7 @@ def fly(scenario: AnyScenario, loop: str) -> None:
                 data.time = system.dt * (tick - 1 + frame / FRAMES_PER_TICK)
                 _draw(window, model, data, started)
 
-        run(system, show)
+        run_whole(system, show)
 
 
 def show(model: mujoco.MjModel, qpos: NDArray[np.floating], dt: float) -> None:

@@ -16,7 +16,7 @@ from models.plants.assembly import Assembly
 from sim.controllers.tracking import TrackingLaw
 from sim.loop.body_parts import BodyChange, BodyEffectors, BodyFeedback
 from sim.loop.build import build
-from sim.loop.closed_loop import System, run
+from sim.loop.closed_loop import System, run_whole
 from sim.loop.recording import Recording
 from sim.plant.batch import Plant
 from sim.scenario.one_body import Scenario
@@ -112,7 +112,7 @@ def altered(parameters: P, **changes: Any) -> P:
 def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flight:
     """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop."""
     system = without_observers(build(scenario, trials))
-    recording = run(system)
+    recording = run_whole(system)
     state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
     drives = system.effectors
     assert isinstance(drives, BodyEffectors)
@@ -180,7 +180,7 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
         ),
         change=replace(faults, plant=plant),
     )
-    return run(system).channels["truth/state"]
+    return run_whole(system).channels["truth/state"]
 
 
 def integrate(dynamics: Dynamics, start: Array, command: Array, tick_s: float, substeps: int = 1, euler: bool = False) -> Array:

@@ -86,6 +86,9 @@ class Untaught:
         chosen: Learned = choose(where, first, belief)
         return chosen
 
+    def rewind(self) -> None:
+        """It draws no random numbers."""
+
     def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
         """The trial, and the loop's name and agent."""
         trial, agent = failure.where[:2]
@@ -142,6 +145,10 @@ class ByParticles(Untaught):
     def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
         """The filter's next belief."""
         return self._learned(self.filter.step(belief.memory, known.force, reading, dt, self._following()))
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        self._draws.rewind()
 
     def _following(self) -> BlockDraws:
         draws = self._draws.following()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
 from estimation.extended_kalman import ExtendedFilter
-from estimation.gaussian import Belief, LostDefiniteness
+from estimation.gaussian import Belief, Detection, LostDefiniteness, no_detection
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain
 from estimation.particle import ParticleFilter
@@ -119,8 +119,19 @@ class Bank:
 
     def put_back(self, where: NDArray[np.bool_], first: Belief, belief: Belief) -> Belief:
         """The first belief in some trials, (trials,)."""
-        chosen: Belief = choose(where[None], first, belief)
-        return chosen
+        whole, nothing = belief.detection, no_detection(np.zeros((1, len(where))))
+        parts: Belief = choose(where[None], first._replace(detection=nothing), belief._replace(detection=nothing))
+        own = first.detection
+        history = tuple(  # of filters that are stacked each has its own, without an axis of members
+            choose(where[(None,) * (now.ndim - 2)], then, now) for then, now in zip(own.history, whole.history, strict=True)
+        )
+        statistic, declared = (choose(where[None], *pair) for pair in ((own.statistic, whole.statistic), (own.declared, whole.declared)))
+        return parts._replace(detection=Detection(statistic, declared, history))
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        if isinstance(self.filter, ParticleObserver):
+            self.filter.draws.rewind()
 
     def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
         """The trial and the filter whose covariance it is."""

@@ -97,6 +97,11 @@ class AgentsFilter:
         chosen: Watched = choose(where, first, belief)
         return chosen
 
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        if self.draws is not None:
+            self.draws.rewind()
+
     def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
         """The trial, and the filter's name and agent."""
         agent = f" of agent {failure.where[1] + 1}" if len(failure.where) > 1 else ""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from estimation.choice import choose
 from estimation.gaussian import LostDefiniteness
 from estimation.state_space import StateSpace
 from sim.faults.timeline import Occurrence
+from sim.loop.lost_trials import LostTrials
 from sim.loop.recorder import MULTIPLICATIVE, Recorder
 from sim.loop.recording import RecordedRunFailed, Recording
-from sim.parts import Array, Effectors, Estimator, Feedback, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
+from sim.parts import Array, Effectors, Estimator, Feedback, Given, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
 from sim.plant.batch import SimulationFailed
 
 
@@ -58,28 +59,32 @@ class System:
 
 
 def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None) -> Recording:
-    """Run the loop and return what it recorded.
+    """Run the loop and return what it recorded; trials in which a filter or the physics broke down are named in there.
 
     Args:
       system: all parts.
       on_tick: called after every recorded tick, with its place among them.
       recorded: numbers of the trials that are recorded as a whole, if the system keeps figures of all; None: all.
-
-    Raises:
-      RecordedRunFailed: a SimulationFailed, with the recording until then.
     """
     keep = None if recorded is None or system.figures is None else np.flatnonzero(np.isin(system.trials, recorded))
-    recorder = Recorder(system.dt * system.every, -(-system.ticks // system.every), system.trials, system.estimators, keep, system.errors)
-    try:
-        _run(system, recorder, on_tick)
-    except SimulationFailed as failure:
-        recording = recorder.finish(system.references, system.occurrences)
-        raise RecordedRunFailed(int(system.trials[failure.trial]), failure.time, failure.cause, recording) from None
-    return recorder.finish(system.references, system.occurrences)
+    ticks = -(-system.ticks // system.every)
+    recorder = Recorder(system.dt * system.every, ticks, system.trials, system.estimators, keep, system.errors)
+    lost = LostTrials(system.trials)
+    _run(system, recorder, lost, on_tick)
+    return replace(recorder.finish(system.references, system.occurrences), lost=lost.all)
 
 
-def _run(s: System, recorder: Recorder, on_tick: Callable[[int, Recorder], None] | None) -> None:
-    """The loop itself; a trial's number in an exception is its position."""
+def run_whole(system: System, on_tick: Callable[[int, Recorder], None] | None = None) -> Recording:
+    """The same where every trial is needed; raises RecordedRunFailed if one broke down."""
+    recording = run(system, on_tick)
+    if recording.lost:
+        first = min(recording.lost, key=lambda lost: lost.tick)
+        raise RecordedRunFailed(first.trial, first.time_s, first.cause, recording)
+    return recording
+
+
+def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[int, Recorder], None] | None) -> None:
+    """The loop itself."""
     steps = round(s.dt / s.plant.step_s)
     rest = given = s.effectors.rest()
     held, lost = s.sensors.rest(), np.zeros(len(s.trials), dtype=bool)
@@ -90,15 +95,13 @@ def _run(s: System, recorder: Recorder, on_tick: Callable[[int, Recorder], None]
         truth = s.plant.truth()
         if k % s.every == 0:
             recorder.begin(k // s.every, truth)
-        reading = s.sensors.read(k, truth, recorder.past)
-        known = given.known
-        if s.loss is not None:
-            lost = s.loss.judge(lost, truth)
-            if first is not None and lost.any():  # what a lost trial's filter does is of no interest, but must not fail
-                beliefs = tuple(e.put_back(lost, one, b) for e, one, b in zip(s.estimators, first[0], beliefs, strict=True))
-                known, reading = choose(lost, rest.known, known), choose(lost, first[1], reading)
-        beliefs = _observe(s, beliefs, known, reading, k)
-        first = first or (beliefs, reading)
+        reading, known = s.sensors.read(k, truth, recorder.past), given.known
+        lost = broken.failed | (lost if s.loss is None else s.loss.judge(lost, truth))
+        if first is not None and lost.any():  # what a lost trial's filter does is of no interest, but must not fail
+            beliefs = tuple(e.put_back(lost, one, b) for e, one, b in zip(s.estimators, first[0], beliefs, strict=True))
+            known, reading = choose(lost, rest.known, known), choose(lost, first[1], reading)
+        beliefs = _observe(s, beliefs, first, Told(known, reading, rest.known), k, broken)
+        first, lost = first or (beliefs, reading), lost | broken.failed
         held = np.where(np.isnan(reading), held, reading)
         estimate = s.feedback(k, beliefs, truth, reading, held)
         memory = s.law.start(estimate) if k == 0 else memory
@@ -106,24 +109,60 @@ def _run(s: System, recorder: Recorder, on_tick: Callable[[int, Recorder], None]
         decision = s.law.decide(k, estimate, messages, memory)
         given = s.effectors.give(k, decision, estimate, held, given, lost)
         if k % s.every == 0:
-            now = Snapshot(truth, reading, beliefs, estimate, messages, memory, decision, given, lost)
+            now = Snapshot(truth, reading, beliefs, estimate, messages, memory, decision, given, lost, broken.failed)
             recorder.tick(k // s.every, now, s.channels(k, now), s.figures(k, now) if s.figures else {})
             if on_tick:
                 on_tick(k // s.every, recorder)
+        if broken.failed.all():
+            return
         s.change(k)
-        s.plant.advance(given.wheel, given.push, steps)
+        _advance(s, given, steps, k, broken)
         memory = decision.memory
 
 
-def _observe(s: System, beliefs: tuple[Any, ...], known: Any, reading: Array, tick: int) -> tuple[Any, ...]:
-    """One step of every estimator; one that breaks down ends the run, saying which filter and trial."""
-    if tick == 0:
-        return tuple(estimator.initial(reading) for estimator in s.estimators)
+class Told(NamedTuple):
+    """What estimators are told at a tick."""
+
+    known: Any  # of the drives since the tick before
+    reading: Array
+    rest: Any  # what would be known if nothing had acted
+
+
+def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: int, broken: LostTrials) -> tuple[Any, ...]:
+    """One step of every estimator; a trial in which one breaks down is given up, and the step taken again without it."""
+    if first is None:
+        return tuple(estimator.initial(told.reading) for estimator in s.estimators)
     after = []
-    for estimator, belief in zip(s.estimators, beliefs, strict=True):
-        try:
-            after.append(estimator.step(belief, known, reading, s.dt))
-        except LostDefiniteness as failure:
-            trial, cause = estimator.blame(failure)
-            raise SimulationFailed(trial, tick * s.dt, cause) from None
+    for estimator, start, before in zip(s.estimators, first[0], beliefs, strict=True):
+        belief, known, reading = before, told.known, told.reading
+        while True:
+            try:
+                after.append(estimator.step(belief, known, reading, s.dt))
+                break
+            except LostDefiniteness as failure:
+                position, cause = estimator.blame(failure)
+                whole = bool(broken.failed[position])  # it breaks down even without that trial: nothing of the batch can be saved
+                for lost in range(len(s.trials)) if whole else (position,):
+                    broken.add(lost, tick // s.every, tick * s.dt, cause)
+                if whole:
+                    after.append(before)
+                    break
+                estimator.rewind()
+                belief = estimator.put_back(broken.failed, start, belief)
+                known, reading = choose(broken.failed, told.rest, known), choose(broken.failed, first[1], reading)
     return tuple(after)
+
+
+def _advance(s: System, given: Given, steps: int, tick: int, broken: LostTrials) -> None:
+    """The physics until the next tick; trials in which it breaks down are given up."""
+    if broken:
+        s.plant.put_back(broken.failed)
+    wheel, push = given.wheel, given.push
+    if broken and not callable(push):
+        wheel, push = choose(broken.failed, np.zeros_like(wheel), wheel), choose(broken.failed, np.zeros_like(push), push)
+    try:
+        s.plant.advance(wheel, push, steps)
+    except SimulationFailed as failure:
+        for position, cause in failure.causes.items():
+            broken.add(position, (tick + 1) // s.every, failure.time, cause)
+        s.plant.put_back(broken.failed)

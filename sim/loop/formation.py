@@ -119,17 +119,20 @@ class FormationEffectors:
       faults: of commands, and torques from outside.
       dt: s.
       shape: (trials, agents).
+      wheels: of each agent.
     """
 
     drives: FormationDrives
     faults: FormationFaults
     dt: float
     shape: tuple[int, int]
+    wheels: int
 
     def rest(self) -> Given:
         """No torque."""
-        nothing = np.zeros((*self.shape, 3))
-        return Given(np.zeros((self.shape[0], 0)), nothing, nothing, None, {})
+        trials, agents = self.shape
+        known = np.zeros((trials, agents, 6 if self.wheels else 3))
+        return Given(np.zeros((trials, agents * self.wheels)), np.zeros((trials, agents, 3)), known, None, {})
 
     def give(self, tick: int, decision: Decision, estimate: FormationEstimate, held: Array, before: Given, lost: Flags) -> Given:
         """Carry out the torques; filters know those of the laws, and the momentum that was read in wheels."""
@@ -253,7 +256,7 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
             leader,
             dt,
         ),
-        effectors=FormationEffectors(drives, faults, dt, (len(trials), agents)),
+        effectors=FormationEffectors(drives, faults, dt, (len(trials), agents), scenario.wheels),
         change=FormationChange(plant, faults, parameters.inertia),
         trials=trials,
         ticks=ticks,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.loop.build import build
-from sim.loop.closed_loop import run
+from sim.loop.closed_loop import run_whole
 from sim.scenario.files import AnyScenario
 
 FIRST = np.zeros(1, dtype=np.int64)  # the trial that is shown
@@ -29,4 +29,4 @@ def motion(scenario: AnyScenario, loop: str) -> Motion:
       SimulationFailed: with trial, time and cause.
     """
     system = build(scenario, FIRST, loop=loop)
-    return Motion(system.plant.assembly.scene, run(system).channels["truth/qpos"][:, 0], scenario.run.tick_s)
+    return Motion(system.plant.assembly.scene, run_whole(system).channels["truth/qpos"][:, 0], scenario.run.tick_s)

@@ -51,6 +51,7 @@ class Recorder:
         self._sparse = keep is not None  # what is not kept of a trial goes into its figures tick by tick
         self._states: dict[int, tuple[Array, Array]] = {}
         self._truth: Array = np.empty(0)
+        self._lost: dict[int, Flags] = {}  # by tick, where any trial is
 
     @property
     def past(self) -> Array:
@@ -74,15 +75,15 @@ class Recorder:
         for name, value in figures.items():
             _put(self._figures, self.ticks, name, tick, value)
         if now.lost.any():
-            self._blank(tick, now.lost)
+            self._blank(tick, now.lost, now.failed)
         self.done = tick + 1
 
-    def _blank(self, tick: int, lost: Flags) -> None:
-        """Nothing but the truth is known of trials that are lost."""
-        own = lost[self._keep]
+    def _blank(self, tick: int, lost: Flags, failed: Flags) -> None:
+        """Nothing but the truth is known of trials that are lost, and not even that of trials that broke down."""
+        self._lost[tick] = lost
         for name, array in self._arrays.items():
-            if not name.startswith("truth/"):
-                array[(tick, slice(None), own) if ":" in name else (tick, own)] = np.nan if array.dtype != bool else False
+            own = (failed if name.startswith("truth/") else lost)[self._keep]
+            array[(tick, slice(None), own) if ":" in name else (tick, own)] = np.nan if array.dtype != bool else False
         for array in self._figures.values():
             array[tick, lost] = np.nan
 
@@ -155,6 +156,11 @@ class Recorder:
         for index, estimator in enumerate(self.estimators):
             if done % _BLOCK:
                 self._reduce(index, done)
+            for tick, lost in self._lost.items():  # covariances are reduced in blocks
+                for part in ("sigma", "nees"):
+                    self._arrays[f"{index}:{part}"][tick, :, lost[self._keep]] = np.nan
+                for name in estimator.names if self._sparse else ():
+                    self._figures[f"{name}/nees"][tick, lost] = np.nan
             for member, name in enumerate(estimator.names):
                 thresholds[name] = estimator.thresholds[member]
                 for part in OBSERVED:

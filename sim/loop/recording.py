@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.faults.timeline import Occurrence
+from sim.loop.lost_trials import LostTrial
 from sim.plant.batch import SimulationFailed
 
 Array = NDArray[np.floating]
@@ -35,6 +36,7 @@ class Recording:
     findings: dict[str, Array] = field(default_factory=dict)
     figures: dict[str, Array] = field(default_factory=dict)
     flown: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    lost: tuple[LostTrial, ...] = ()
 
     @property
     def ticks(self) -> int:
@@ -50,6 +52,24 @@ class Recording:
     def observers(self) -> tuple[str, ...]:
         """Names of the observers."""
         return tuple(self.thresholds)
+
+    def sound(self) -> Recording:
+        """The trials that did not break down, figures included."""
+        gone = [one.trial for one in self.lost]
+        kept, flown = np.flatnonzero(~np.isin(self.trials, gone)), np.flatnonzero(~np.isin(self.flown, gone))
+        figures = {name: array[:, flown] for name, array in self.figures.items()}
+        return replace(self.select(kept), figures=figures, flown=self.flown[flown], lost=())
+
+    @property
+    def counted(self) -> int:
+        """Ticks in which something counts: if all recorded trials broke down, those until the last of them did."""
+        ends = {one.trial: one.tick for one in self.lost}
+        return max((ends.get(int(trial), self.ticks) for trial in self.trials), default=self.ticks)
+
+    def until(self, ticks: int) -> Recording:
+        """The first ticks."""
+        channels = {name: array[:ticks] for name, array in self.channels.items()}
+        return replace(self, channels=channels, figures={name: array[:ticks] for name, array in self.figures.items()})
 
     def select(self, keep: NDArray[np.int64]) -> Recording:
         """The trials at positions `keep`."""
@@ -75,7 +95,8 @@ class Recording:
         trials = np.concatenate([part.trials for part in parts])
         figures = {name: np.concatenate([part.figures[name] for part in parts], axis=1) for name in first.figures}
         flown = np.concatenate([part.flown for part in parts])
-        return Recording(first.dt, trials, channels, first.thresholds, tuple(occurrences), findings, figures, flown)
+        lost = tuple(one for part in parts for one in part.lost)
+        return Recording(first.dt, trials, channels, first.thresholds, tuple(occurrences), findings, figures, flown, lost)
 
 
 class RecordedRunFailed(SimulationFailed):

@@ -14,7 +14,7 @@ from control.tracking import Target
 from control.unfalsified import UnfalsifiedController
 from models.attitude import quaternion
 from sim.controllers.tracking import TrackingLaw, target_channels
-from sim.loop.closed_loop import System, run
+from sim.loop.closed_loop import System, run_whole
 from sim.scenario.identification import IdentificationSettings
 
 Array = NDArray[np.floating]
@@ -78,7 +78,7 @@ def identify(system: System, settings: IdentificationSettings, sines: Multisine,
     still = np.zeros((ticks, 3))
     fixed = replace(law, channels=replace(law.channels, frozen=True), theta=theta)
     target = Target(quaternion.from_rotation_vector(turn), still, still)
-    recording = run(replace(system, law=TrackingLaw(fixed, target), references=target_channels(target)))
+    recording = run_whole(replace(system, law=TrackingLaw(fixed, target), references=target_channels(target)))
     heard = slice(settings.settling_periods * (ticks // (settings.settling_periods + settings.periods)), ticks)
     angle = quaternion.to_rotation_vector(recording.channels["reading"][heard][..., :4])
     torque = recording.channels["torque_B"][heard]

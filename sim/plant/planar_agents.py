@@ -14,8 +14,6 @@ from sim.plant.batch import Plant
 
 Array = NDArray[np.floating]
 
-NO_TORQUE = np.zeros((1, 0, 3))
-
 
 class PlanarTruth(NamedTuple):
     """What is so of agents in the plane, at one instant."""
@@ -44,7 +42,12 @@ class AgentsPlant(Plant):
         """The present state."""
         return PlanarTruth(self._steps_done * self.step_s, self.motion(), self._place.copy(), self._speed.copy())
 
-    def advance(self, wheel_torque: Array, force: Callable[[Array, float], Array], steps: int) -> None:  # type: ignore[override]
+    def advance(  # type: ignore[override]
+        self,
+        wheel_torque: Array,  # noqa: ARG002
+        force: Callable[[Array, float], Array],
+        steps: int,
+    ) -> None:
         """Advance by whole physics steps.
 
         MuJoCo holds an applied force over its step, so the force is that of the middle of the step, where it is second order accurate;
@@ -58,11 +61,16 @@ class AgentsPlant(Plant):
         Raises:
           SimulationFailed: MuJoCo raised, warned, or produced a number that is not finite.
         """
-        half = 0.5 * self.step_s
+        half, causes, start = 0.5 * self.step_s, dict[int, str](), self._steps_done * self.step_s
         for _ in range(steps):
             time = self._steps_done * self.step_s
             motion = self.motion()
             speed = motion[..., 2:] + half / self._mass * force(motion, time)
             middle = np.concatenate([motion[..., :2] + half * motion[..., 2:], speed], axis=-1)
             self._force[:] = force(middle, time + half).reshape(self.trials, -1)
-            super().advance(wheel_torque, NO_TORQUE, 1)
+            found = self._step(1)
+            self._steps_done += 1
+            if found:  # the others still have the rest of the steps to go
+                causes = found | causes
+                self.put_back(np.isin(np.arange(self.trials), list(found)))
+        self._raise(causes, start)

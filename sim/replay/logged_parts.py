@@ -30,6 +30,9 @@ class LoggedPlant:
         """That of the tick."""
         return LoggedTruth(self._log.truth[self._tick])
 
+    def put_back(self, where: Flags) -> None:
+        """There is nothing to be put back: the log goes on."""
+
     def advance(self, wheel_torque: Array, push: Any, steps: int) -> None:
         """To the next tick, whatever acts."""
         self._tick += 1

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from models.dynamics.state_layout import SIGMA_RATE
-from sim.campaign.blocks import Shard, join
 from sim.loop.build import assembly_of
 from sim.metrics import one_body
 from sim.metrics.formation import mean_of_numbers
 from sim.metrics.one_body import Metric
+from sim.metrics.trial_block import TrialBlock, join
 from sim.parts import Array
 from sim.replay.replay import Replayed, judge
 
@@ -33,7 +33,7 @@ def evaluate(replayed: list[Replayed], scenario: Any) -> list[Metric]:
             found = [
                 metric._replace(subject=one.loop if one.loop == metric.subject else f"{one.loop}/{metric.subject}") for metric in found
             ]
-        shards.append(Shard(trials, found, {}))
+        shards.append(TrialBlock(trials, found, {}))
     return join(shards)[1]
 
 

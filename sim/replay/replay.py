@@ -13,7 +13,7 @@ from models.dynamics.state_layout import ATTITUDE, StateLayout
 from sim.controllers.tracking import target_channels
 from sim.faults.timeline import Occurrence
 from sim.loop.build import assembly_of, build_estimators, errors_of
-from sim.loop.closed_loop import System, run
+from sim.loop.closed_loop import System, run_whole
 from sim.loop.recording import Recording
 from sim.parts import AnyArray, Snapshot
 from sim.replay.flight_log import FlightLog
@@ -84,7 +84,7 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
         occurrences=_occurrences(fault),
         errors=errors_of(scenario),
     )
-    recording = run(system)
+    recording = run_whole(system)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
     return Replayed(log.loop, recording, {name: _seen(part, log.reading) for name, part in taken.items()}, columns.layout)
 

@@ -89,6 +89,9 @@ class UserFilter:
         """The belief as it is: only the user knows what is in it."""
         return belief
 
+    def rewind(self) -> None:
+        """Only the user knows what it draws."""
+
     def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
         """The first trial: a user's filter breaks down as a whole."""
         return 0, f"{self.source.name}: {failure.what} lost definiteness"

@@ -19,7 +19,7 @@ from sim.crosscheck.failure import Failure, FailureFunction
 from sim.crosscheck.model_variants import exact, printed_gyroscopic_sign, printed_inertia
 from sim.crosscheck.open_loop import Dynamics, Flight, altered, integrate, without_observers
 from sim.loop.build import build
-from sim.loop.closed_loop import run
+from sim.loop.closed_loop import run_whole
 
 Array = NDArray[np.floating]
 
@@ -105,7 +105,7 @@ def control_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
         law = system.law
         assert isinstance(law, TrackingLaw)
         assert isinstance(law.controller, Controller)
-        flown = run(replace(system, law=replace(law, controller=_Opposite(law.controller)) if wrong else law)).channels["truth/state"]
+        flown = run_whole(replace(system, law=replace(law, controller=_Opposite(law.controller)) if wrong else law)).channels["truth/state"]
         upright = quaternion.attitude_matrix(flown[..., :4])[..., 2, 2]
         tilt.append(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
     fallen = passes(tilt[1], LOST_TILT_DEG, run_s.tick_s)
