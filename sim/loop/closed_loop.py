@@ -114,6 +114,7 @@ def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[i
             if on_tick:
                 on_tick(k // s.every, recorder)
         if broken.failed.all():
+            recorder.give_up()
             return
         s.change(k)
         _advance(s, given, steps, k, broken)

@@ -51,6 +51,7 @@ class Recorder:
         self._sparse = keep is not None  # what is not kept of a trial goes into its figures tick by tick
         self._states: dict[int, tuple[Array, Array]] = {}
         self._truth: Array = np.empty(0)
+        self._over = False
         self._lost: dict[int, Flags] = {}  # by tick, where any trial is
 
     @property
@@ -148,10 +149,14 @@ class Recorder:
             return covariance
         return np.where((ess[start:stop] > covariance.shape[-1] + 1)[..., None, None], covariance, np.nan)
 
+    def give_up(self) -> None:
+        """Nothing of any trial counts any more: the ticks to come stay without a number."""
+        self._over = True
+
     def finish(self, references: dict[str, Array], occurrences: tuple[Occurrence, ...]) -> Recording:
         """All ticks that were recorded; `references` are arrays (ticks, ...) without an axis of trials, by name."""
-        done = self.done
-        channels = {name: array[:done] for name, array in self._arrays.items() if ":" not in name}
+        done, length = self.done, self.ticks if self._over else self.done
+        channels = {name: array[:length] for name, array in self._arrays.items() if ":" not in name}
         thresholds: dict[str, tuple[float, float] | None] = {}
         for index, estimator in enumerate(self.estimators):
             if done % _BLOCK:
@@ -165,9 +170,9 @@ class Recorder:
                 thresholds[name] = estimator.thresholds[member]
                 for part in OBSERVED:
                     if (array := self._arrays.get(f"{index}:{part}")) is not None:
-                        channels[f"{name}/{part}"] = array[:done, member]
-        channels |= {f"reference/{name}": array[:done] for name, array in references.items()}
-        figures = {name: array[:done] for name, array in self._figures.items()}
+                        channels[f"{name}/{part}"] = array[:length, member]
+        channels |= {f"reference/{name}": array[:length] for name, array in references.items()}
+        figures = {name: array[:length] for name, array in self._figures.items()}
         positions = np.arange(len(self.trials))[self._keep].tolist()
         kept = tuple(o._replace(trial=positions.index(o.trial)) for o in occurrences if o.trial in positions)
         return Recording(self.dt, self.trials[self._keep], channels, thresholds, kept, {}, figures, self.trials)
