@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
 
 from sim.loop.build import build
 from sim.loop.closed_loop import run
@@ -142,3 +144,20 @@ def test_a_viewer_has_a_model_and_poses(body: Body) -> None:
     moved = motion(scenario, scenario.loop_names[0])
     assert moved.qpos.shape == (scenario.run.ticks, moved.scene.nq)
     assert np.isfinite(moved.qpos).all()
+
+
+@every_body
+def test_a_run_is_shown_live(body: Body, nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Accepting:
+        def close(self) -> None:
+            pass
+
+    path = tmp_path / "live.rrd"
+    monkeypatch.setattr("sim.rerun.live.socket.create_connection", lambda *_, **__: Accepting())
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda stream, _, default_blueprint: stream.save(path, default_blueprint))
+    result = nacs("run", body.scenario, "--trials", 1, *settings(body), "--live", "--out", "it")
+    assert result.code == 0, result.err
+    entities = {str(chunk.entity_path) for chunk in RrdReader(path).stream().to_chunks()}
+    loops = load(body.scenario, body.changes).loops
+    shown = [f"/{loop}/truth/" for loop in loops] or ["/estimation"]
+    assert all(any(entity.startswith(start) or not loops for entity in entities) for start in shown)

@@ -193,7 +193,7 @@ def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypa
         seen: list[int] = []
 
         def on_tick(tick: int, recorder: Recorder) -> None:
-            live.on_tick(tick, recorder)
+            live.on_tick("loop", tick, recorder)
             seen.append(tick)
 
         run(loop, on_tick)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sim.loop.closed_loop import run
 from sim.loop.lost_trials import LostTrial
 from sim.loop.recorder import Recorder
 from sim.loop.recording import Recording
-from sim.metrics.antenna_study import Controllers, controllers, identified
+from sim.metrics.antenna_study import controllers, identified
 from sim.metrics.evaluation import evaluate
 from sim.metrics.one_body import Metric
 from sim.metrics.trial_block import TrialBlock
@@ -43,7 +44,7 @@ def simulate(
     recorded: NDArray[np.int64],
     user_code: UserCode | None = None,
     campaign: Campaign | None = None,
-    on_tick: Callable[[int, Recorder], None] | None = None,
+    on_tick: Callable[[str, int, Recorder], None] | None = None,
 ) -> TrialBlock:
     """Simulate a block of trials and evaluate it; a trial that breaks down harms no other.
 
@@ -52,32 +53,39 @@ def simulate(
     variants = draw(campaign, scenario, trials).variants if campaign else None
     metrics: list[Metric] = []
     recordings: dict[str, Recording] = {}
-    flown: dict[str, Controllers] = {}
+    settings = getattr(scenario, "identification", None)
+    whole: dict[str, Recording] = {}
     lost: dict[int, LostTrial] = {}
     for name in scenario.loop_names:
         system = build(scenario, trials, user_code, variants, name)
-        recording = run(system, on_tick, recorded)
+        recording = run(system, partial(on_tick, name) if on_tick else None, recorded)
         lost |= {one.trial: one if name == "loop" else one._replace(cause=f"loop {name}: {one.cause}") for one in reversed(recording.lost)}
         sound = recording.sound()
         if len(sound.flown):
             metrics += [metric.at(sound.flown, trials) for metric in evaluate(scenario, name, system, sound)]
-        if (found := controllers(recording)) is not None:
-            flown[name] = found
+        if settings is not None:
+            whole[name] = recording
         shown = recording.select(np.flatnonzero(np.isin(recording.trials, _worth_recording(recording, recorded))))
         if len(shown.trials):
             recordings[name] = shown
     end = max((recording.counted for recording in recordings.values()), default=0)
     recordings = {name: recording.until(end) for name, recording in recordings.items()} if end else {}
     alive = np.array([trial for trial in trials.tolist() if trial not in lost], dtype=np.int64)
-    settings = getattr(scenario, "identification", None)
+    own = (
+        {name: controllers(recording.select(np.flatnonzero(np.isin(trials, alive)))) for name, recording in whole.items()}
+        if settings
+        else {}
+    )
+    flown = {name: found for name, found in own.items() if found is not None}
     if settings is not None and len(alive) and {settings.adaptive, settings.nominal} <= flown.keys():
         try:
-            more, findings = identified(scenario, flown, lambda single: build(single, trials, user_code, variants))
+            own_variants = variants.only(np.flatnonzero(np.isin(trials, alive))) if variants else None
+            more, findings = identified(scenario, flown, lambda single: build(single, alive, user_code, own_variants))
         except SimulationFailed as failure:
             return TrialBlock(alive, [], recordings, tuple(lost.values()), f"identification: {failure}")
-        metrics += more
+        metrics += [metric.at(alive, trials) for metric in more]
         if (adaptive := recordings.get(settings.adaptive)) is not None:
-            keep = np.flatnonzero(np.isin(trials, recorded))
+            keep = np.flatnonzero(np.isin(alive, adaptive.trials))
             recordings[settings.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
     return TrialBlock(alive, [metric.of(trials, alive) for metric in metrics] if len(alive) else [], recordings, tuple(lost.values()))
 
@@ -96,17 +104,17 @@ def simulate_all(
     progress: Progress,
     user_code: UserCode | None = None,
     campaign: Campaign | None = None,
-    on_tick: Callable[[int, Recorder], None] | None = None,
+    on_tick: Callable[[str, int, Recorder], None] | None = None,
 ) -> Iterator[TrialBlock]:
     """Blocks as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
     loops = len(scenario.loop_names)
     if workers == 1:
         for number, block in enumerate(blocks):
 
-            def tick(k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
+            def tick(loop: str, k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
                 progress(size / loops)
                 if on_tick and first:
-                    on_tick(k, recorder)
+                    on_tick(loop, k, recorder)
 
             yield simulate(scenario, block, recorded, user_code, campaign, tick)
         return

@@ -24,12 +24,14 @@ from sim.loop.recorder import Recorder
 from sim.loop.recording import Recording
 from sim.metrics.results import rows
 from sim.metrics.trial_block import TrialBlock, join
+from sim.replay.log_columns import columns_of
 from sim.scenario.files import AnyScenario
 from sim.tables.register import tables_of
 from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:
     from sim.rerun.live import LiveStream
+    from sim.rerun.live_curves import LiveCurves
 
 
 def run(
@@ -72,8 +74,8 @@ def run(
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
-    if export_log and not record_trials:
-        raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
+    if (export_log or live) and not record_trials:
+        raise BadInput(f"{'--export-log writes' if export_log else '--live shows'} the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
     user_code.check(loaded)
     for warning in loaded.warnings():
@@ -106,13 +108,15 @@ def run(
     ended.say_where(target)
 
 
-def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream:
+def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream | LiveCurves:
     from sim.rerun.live import LiveStream  # Rerun takes half a second to import
+    from sim.rerun.live_curves import LiveCurves
 
+    configuration = _configuration(loaded, user_code)
     try:
-        return LiveStream(
-            name, build(loaded, np.zeros(1, dtype=np.int64), user_code), loaded.law.feedback, _configuration(loaded, user_code)
-        )
+        if loaded.loops:
+            return LiveCurves(name, loaded.loop_names, columns_of(loaded).layout, configuration)
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), user_code), loaded.law.feedback, configuration)
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
@@ -124,7 +128,7 @@ def _simulate(
     recorded: Any,
     workers: int,
     user_code: UserCode,
-    stream: Callable[[int, Recorder], None] | None,
+    stream: Callable[[str, int, Recorder], None] | None,
 ) -> tuple[list[TrialBlock], bool]:
     """Blocks that finished, and whether the user stopped the rest."""
     blocks: list[TrialBlock] = []

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from estimation.consistency import average_bounds
-from models.attitude import quaternion
-from models.dynamics.state_layout import Block, StateLayout
+from models.dynamics.state_layout import StateLayout
 from sim.loop.recording import Recording
 from sim.report.page import SMOOTHING_S, STYLE
+from sim.series.estimation_errors import error_of_block, unit_of_error
 from sim.series.palette import on_light
 
 Array = NDArray[np.floating]
@@ -38,9 +38,9 @@ def write_picture(path: Path, title: str, recording: Recording, layout: StateLay
         pairs = [("Residual of the reading", get["reading"])] + ([("Error against the truth", get["truth/state"])] if known else [])
         for row, (what, target) in zip(grid, pairs, strict=False):
             for axes, block in zip(row, layout.blocks[:2], strict=True):
-                place, unit = layout.places[block.kind], _unit(block)
+                place, unit = layout.places[block.kind], unit_of_error(block)
                 for name in recording.observers:
-                    apart = _distance(get[f"{name}/mean"], target, block, place)
+                    apart = error_of_block(get[f"{name}/mean"], target, block, place)
                     if np.isfinite(apart).any():
                         axes.semilogy(recording.time, _smooth(apart, recording), **_line(recording, name))
                 axes.set(title=f"{what}: {block.kind} (RMS over {SMOOTHING_S:g} s)", ylabel=f"[{unit}]")
@@ -65,24 +65,6 @@ def write_picture(path: Path, title: str, recording: Recording, layout: StateLay
         figure.legend(handles=grid[0, 0].get_lines(), ncols=5, loc="outside upper right")
         figure.suptitle(f"{title}, trial {recording.trials[0]}", x=0.01, ha="left", fontsize=12, fontweight="bold")
         figure.savefig(path)
-
-
-def _unit(block: Block) -> str:
-    """A thousandth of the block's unit; of a quaternion an angle."""
-    if len(block.names) > block.errors:
-        return "mdeg"
-    return "1e-3" if block.unit == "1" else f"1e-3 {block.unit}" if block.unit.startswith("1") else f"m{block.unit}"
-
-
-def _distance(mean: Array, target: Array, block: Block, place: slice) -> Array:
-    """Angle or length of the difference in thousandths, RMS over agents, (ticks,); NaN where the target does not have the block."""
-    if target.shape[-1] < place.stop:
-        return np.full(len(mean), np.nan)
-    if len(block.names) > block.errors:
-        apart = 1e3 * np.degrees(quaternion.angle(mean[..., place], target[..., place]))
-    else:
-        apart = 1e3 * np.linalg.norm(mean[..., place] - target[..., place], axis=-1)
-    return np.sqrt(np.mean(apart.reshape(len(apart), -1) ** 2, axis=-1))
 
 
 def _smooth(values: Array, recording: Recording) -> Array:

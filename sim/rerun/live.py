@@ -33,6 +33,22 @@ from sim.series.channels import curves, lanes
 VIEWER = "rerun+http://127.0.0.1:9876/proxy"
 
 
+def connect(stream: rr.RecordingStream, url: str, page: Any) -> None:
+    """Send a stream to an open viewer, laid out by a blueprint.
+
+    Raises:
+      ConnectionError: no viewer listens at `url`.
+    """
+    address = urlsplit(url)
+    host, port = address.hostname or "127.0.0.1", address.port or 9876
+    try:
+        socket.create_connection((host, port), timeout=2.0).close()
+    except OSError:
+        raise ConnectionError(f"no Rerun viewer listens at {host}:{port}; start one with `rerun --bind 127.0.0.1`") from None
+    stream.connect_grpc(url, default_blueprint=page)
+    stream.disable_timeline("log_time")
+
+
 class LiveStream:
     """Shows the first trial of a running loop in an open viewer, tick by tick."""
 
@@ -42,12 +58,6 @@ class LiveStream:
         Raises:
           ConnectionError: no viewer listens at `url`.
         """
-        address = urlsplit(url)
-        host, port = address.hostname or "127.0.0.1", address.port or 9876
-        try:
-            socket.create_connection((host, port), timeout=2.0).close()
-        except OSError:
-            raise ConnectionError(f"no Rerun viewer listens at {host}:{port}; start one with `rerun --bind 127.0.0.1`") from None
         self._system, self._scales = system, Scales()
         self._thresholds = {name: limits for bank in system.estimators for name, limits in zip(bank.names, bank.thresholds, strict=True)}
         self._shown = who_is_shown(tuple(self._thresholds), closed_by)
@@ -55,13 +65,12 @@ class LiveStream:
         self._stream = rr.RecordingStream(APPLICATION)
         duration = system.dt * (system.ticks - 1)
         page = blueprint({"": layout("", system.plant.assembly, self._thresholds, self._shown, self._scales, duration)}, live=True)
-        self._stream.connect_grpc(url, default_blueprint=page)
-        self._stream.disable_timeline("log_time")
+        connect(self._stream, url, page)
         describe(self._stream, scenario_name, configuration)
         start(self._stream, "", self._thresholds, system.plant.assembly, system.references["q"])
         name_faults(self._stream, "", [o.text for o in system.occurrences if o.trial == 0])
 
-    def on_tick(self, tick: int, recorder: Recorder) -> None:
+    def on_tick(self, loop: str, tick: int, recorder: Recorder) -> None:  # noqa: ARG002
         """Send what is so at `tick`; a callback of the loop."""
         now = self._instant(tick, recorder)
         time = time_column(np.array([tick * recorder.dt]))
