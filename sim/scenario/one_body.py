@@ -101,6 +101,9 @@ class Scenario(Section):
             raise ValueError(
                 f"run.tick_s: {self.run.tick_s:g} s is not a whole number of physics steps (plant.step_s = {self.plant.step_s:g} s)"
             )
+        for key, period in self.sensors.periods_s.items():
+            if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
+                raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
         complain_of_faults(self.faults, duration, wheels)
         complain_of_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -38,12 +39,20 @@ class SensorSettings(Section):
     wheel_bits: Annotated[int, Field(ge=0, le=24)] = Field(12, description="resolution over the whole range; 0: none")
     latency_s: NonNegative = Field(0.0, description="age of what a reading describes when it is read")
     jitter_s: NonNegative = Field(0.0, description="a reading is older than that by up to this much, evenly distributed")
+    attitude_period_s: NonNegative = Field(0.0, description="from one reading to the next, a whole number of ticks; 0: every tick")
+    gyro_period_s: NonNegative = Field(0.0, description="the same of the rate gyro")
+    wheel_period_s: NonNegative = Field(0.0, description="the same of the wheel speeds")
     dropout_probability: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="share of readings, of each sensor, that are missing")
 
     @property
     def wheel_step_rad_s(self) -> float:
         """Least step of a wheel speed reading; 0: none."""
         return 2.0 * self.wheel_full_scale_rad_s / 2**self.wheel_bits if self.wheel_bits else 0.0
+
+    @property
+    def periods_s(self) -> dict[str, float]:
+        """Of attitude, gyro and wheels, by key; 0: every tick."""
+        return {key: getattr(self, key) for key in ("attitude_period_s", "gyro_period_s", "wheel_period_s")}
 
     @property
     def variances(self) -> tuple[float, float, float]:
@@ -93,6 +102,9 @@ class SensorArrays(NamedTuple):
     latency_s: Array
     jitter_s: Array
     dropout_probability: Array
+    attitude_period_s: Array
+    gyro_period_s: Array
+    wheel_period_s: Array
 
     @classmethod
     def of(cls, settings: Sequence[SensorSettings]) -> SensorArrays:
@@ -145,6 +157,15 @@ class Sensors:
     faults: FaultSchedule
     dt: float
 
+    @cached_property
+    def _between(self) -> NDArray[np.bool_] | None:
+        """Whether each sensor is between two readings, (ticks, trials, 3); None if all read at every tick."""
+        periods = np.concatenate([self.settings.attitude_period_s, self.settings.gyro_period_s, self.settings.wheel_period_s], axis=-1)
+        if not periods.any():
+            return None
+        every = np.maximum(1, np.round(periods / self.dt).astype(int))
+        return np.arange(len(self.noise.attitude))[:, None, None] % every != 0
+
     def rest(self) -> Array:
         """At rest in N, until something has been read; (trials, n)."""
         wheels = self.noise.wheel.shape[-1]
@@ -185,7 +206,7 @@ class Sensors:
         if not s.gyro.all():
             rate = np.where(s.gyro > 0.0, rate, np.nan)
         reading = np.concatenate([attitude, rate, wheel], axis=-1)
-        for missing in (noise.missing, faults.missing):
+        for missing in (noise.missing, faults.missing, self._between):
             if missing is not None and missing[tick].any():
                 lost = np.repeat(missing[tick], [4, 3, wheel.shape[-1]], axis=-1)
                 reading = np.where(lost, np.nan, reading)
