@@ -5,21 +5,24 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, how_to_open, load, out, output_folder
+from sim.crosscheck import agents
 from sim.crosscheck.divergence import thresholds
 from sim.crosscheck.register import choose_loop, choose_model, family_of
 from sim.crosscheck.study import CrossCheck, examine, metrics
+from sim.metrics.one_body import Metric
 from sim.metrics.results import write_summary
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
 from sim.tables.crosscheck import tables
+from sim.tables.crosscheck_agents import divergence
 
 CHECK_FAILED = 1
 FILES = ("crosscheck.rrd", "crosscheck.png", "summary.json")
@@ -48,8 +51,11 @@ def crosscheck(
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     whole = load(name, trials, seed, overrides)
-    if whole.family != "body":
-        raise BadInput(f"{name} is of several agents; the cross-check is of one body")
+    if whole.family in agents.FAMILIES:
+        if model or limits:
+            raise BadInput(f"--{'model' if model else 'threshold'}: is for one body; of several agents all models are shown")
+        _of_agents(whole, name, loop, at, folder, overwrite)
+        return
     family, loaded = family_of(whole), choose_loop(whole, loop)
     chosen = choose_model(family, model, loaded.plant)
     wanted = thresholds(loaded, limits or [])
@@ -81,6 +87,40 @@ def crosscheck(
     out.print(f"Open it    {how_to_open(target / 'crosscheck.rrd')}", soft_wrap=True)
     if not found.passed:
         err.print("a check fails, or something printed does not fail as it must: see the tables", style="red")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None, folder: Path | None, overwrite: bool) -> None:
+    from sim.report.crosscheck_agents import write_agents_picture
+
+    if loop is not None and loop not in loaded.loop_names:
+        raise BadInput(f"--loop {loop}: no such loop; there are {', '.join(loaded.loop_names)}")
+    instants = _instants(loaded, at, agents.INSTANTS_S)
+    target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
+    started = time.perf_counter()
+    try:
+        with err.status(f"flying {loaded.run.trials} trials and their models"):
+            found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
+    except SimulationFailed as failure:
+        err.print(f"error: {failure}; nothing was written")
+        raise typer.Exit(FAILED) from None
+    target.mkdir(parents=True, exist_ok=True)
+    run = loaded.run
+    values = [
+        Metric(model, f"{quantity}_apart", f"{found.time[tick]:g}s", found.quantities[quantity].unit, apart[tick].max(axis=-1))
+        for model, quantities in found.apart.items()
+        for quantity, apart in quantities.items()
+        for tick in found.ticks
+    ]
+    wall = time.perf_counter() - started
+    write_summary(
+        target / "summary.json", name, run.seed, run.trials, wall, run.tick_s * run.ticks * run.trials, values, passed=found.passed
+    )
+    write_agents_picture(target / "crosscheck.png", name, found)
+    out.print(f"[bold]Cross-check of {name}[/]: {loaded.title}\n")
+    out.print(divergence(found))
+    out.print(f"Picture    {target / 'crosscheck.png'}")
+    if not found.passed:
         raise typer.Exit(CHECK_FAILED)
 
 
