@@ -14,6 +14,8 @@ _COLUMNS = (  # metric, heading, factor
     ("formation_angle_deg", "apart\ndeg", 1.0),
     ("rms_velocity_error", "rate error\n1e-3/s", 1e3),
     ("peak_torque", "torque\nN m", 1.0),
+    ("nees_mean", "NEES\n6 dof", 1.0),
+    ("nis_mean", "NIS\n3 dof", 1.0),
 )
 
 
