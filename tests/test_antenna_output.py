@@ -20,13 +20,13 @@ from models.attitude import quaternion
 from models.plants.flexible_parameters import FlexibleParameters
 from sim.campaign.blocks import simulate
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics.fixed_gain_loop import FixedGainLoop
-from sim.metrics.one_body import Metric
 from sim.metrics.results import rows
 from sim.report.antenna import write_report
-from sim.rerun.antenna import outlook
-from sim.rerun.loops import write_loops
-from sim.rerun.loops_scene import stage
+from sim.rerun.loops.antenna import outlook
+from sim.rerun.loops.recording import write_loops
+from sim.rerun.loops.scene import stage
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna

@@ -24,8 +24,8 @@ from sim.plant.batch import diagnose
 from sim.plant.kinds import compile_plant
 from sim.report.loops import write_report
 from sim.rerun import loops_scene as rerun_loops_scene
-from sim.rerun.loops import write_loops
-from sim.rerun.loops_scene import stage
+from sim.rerun.loops.recording import write_loops
+from sim.rerun.loops.scene import stage
 from sim.rerun.sink import write_recording
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario

@@ -12,8 +12,9 @@ from sim.estimators.particle_observer import DrawBlocks
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics.claims import gyroless
-from sim.metrics.one_body import Metric, evaluate
+from sim.metrics.one_body import evaluate
 from sim.metrics.results import Row, rows
 from sim.plant.batch import diagnose
 from sim.scenario.files import load

@@ -7,7 +7,7 @@ import pytest
 from rich.table import Table
 from scipy.stats import chi2
 
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 from sim.metrics.results import rows
 from sim.tables.one_body import estimators
 

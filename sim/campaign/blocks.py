@@ -19,9 +19,9 @@ from sim.loop.closed_loop import run
 from sim.loop.lost_trials import LostTrial
 from sim.loop.recorder import Recorder
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics.antenna_study import controllers, identified
 from sim.metrics.evaluation import evaluate
-from sim.metrics.one_body import Metric
 from sim.metrics.trial_block import TrialBlock
 from sim.plant.batch import SimulationFailed
 from sim.user_code.user_code import UserCode

@@ -17,7 +17,8 @@ from sim.campaign.settings import Campaign, batched
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.metrics.one_body import Metric, evaluate
+from sim.metric import Metric
+from sim.metrics.one_body import evaluate
 from sim.scenario import files
 from sim.scenario.files import AnyScenario
 

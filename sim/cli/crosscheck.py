@@ -16,7 +16,7 @@ from sim.crosscheck import agents
 from sim.crosscheck.divergence import thresholds
 from sim.crosscheck.register import choose_loop, choose_model, family_of
 from sim.crosscheck.study import CrossCheck, examine, metrics
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 from sim.metrics.results import write_summary
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant

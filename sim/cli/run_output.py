@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, INTERRUPTED, err, how_to_open, out
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 from sim.metrics.results import write_summary, write_trials
 from sim.scenario.files import AnyScenario
 from sim.scenario.run import RunSettings

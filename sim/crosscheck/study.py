@@ -16,7 +16,7 @@ from sim.crosscheck.failure import Failure
 from sim.crosscheck.family import PlantFamily
 from sim.crosscheck.model_variants import Model
 from sim.crosscheck.open_loop import Flight, fly
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 from sim.scenario.one_body import Scenario
 
 Array = NDArray[np.floating]

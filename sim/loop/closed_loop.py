@@ -117,7 +117,12 @@ def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[i
             recorder.give_up()
             return
         s.change(k)
-        _advance(s, given, steps, k, broken)
+        try:
+            s.plant.advance(*_acting(s, given, broken), steps)
+        except SimulationFailed as failure:
+            for position, cause in failure.causes.items():
+                broken.add(position, (k + 1) // s.every, failure.time, cause)
+            s.plant.put_back(broken.failed)
         memory = decision.memory
 
 
@@ -154,16 +159,11 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
     return tuple(after)
 
 
-def _advance(s: System, given: Given, steps: int, tick: int, broken: LostTrials) -> None:
-    """The physics until the next tick; trials in which it breaks down are given up."""
+def _acting(s: System, given: Given, broken: LostTrials) -> tuple[Array, Any]:
+    """Torques of motors, and what pushes the bodies; in trials that broke down nothing does, and they are put back to their start."""
+    wheel, push = given.wheel, given.push
     if broken:
         s.plant.put_back(broken.failed)
-    wheel, push = given.wheel, given.push
-    if broken and not callable(push):
-        wheel, push = choose(broken.failed, np.zeros_like(wheel), wheel), choose(broken.failed, np.zeros_like(push), push)
-    try:
-        s.plant.advance(wheel, push, steps)
-    except SimulationFailed as failure:
-        for position, cause in failure.causes.items():
-            broken.add(position, (tick + 1) // s.every, failure.time, cause)
-        s.plant.put_back(broken.failed)
+        if not callable(push):
+            return choose(broken.failed, np.zeros_like(wheel), wheel), choose(broken.failed, np.zeros_like(push), push)
+    return wheel, push

@@ -14,8 +14,8 @@ from models.plants.assembly import Assembly
 from sim.controllers.settings import ControlSettings, UnfalsifiedSettings
 from sim.loop.closed_loop import System
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics.closed_loop_identification import Bounds, antenna_law, identify, multisine
-from sim.metrics.one_body import Metric
 from sim.scenario.one_body import Scenario
 
 Array = NDArray[np.floating]

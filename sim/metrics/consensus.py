@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from models.dynamics.state_layout import POSITION, VELOCITY
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics.formation import mean_of_numbers
-from sim.metrics.one_body import Metric
 
 Array = NDArray[np.floating]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from sim.loop.closed_loop import System
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics import antenna_study, consensus, formation, one_body
-from sim.metrics.one_body import Metric
 from sim.scenario.consensus import ConsensusScenario
 from sim.scenario.files import AnyScenario
 from sim.scenario.formation import FormationScenario

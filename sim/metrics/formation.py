@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.loop.recording import Recording
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 from sim.scenario.formation import FormationScenario
 
 Array = NDArray[np.floating]

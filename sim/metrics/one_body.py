@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from models.attitude import quaternion
 from models.attitude.euler_angles import to_euler_313, wrapped_difference
 from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
+from sim.metric import Metric
 from sim.metrics import windows
 from sim.metrics.learned import of_learning, window_flags
 from sim.scenario.one_body import Scenario
@@ -20,26 +19,6 @@ Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 STATES = ("q1", "q2", "q3", "q4", "omega1", "omega2", "omega3")
-
-
-class Metric(NamedTuple):
-    """One figure of merit of every trial."""
-
-    subject: str
-    metric: str
-    phase: str
-    unit: str
-    values: Array  # (trials,), NaN where it does not apply
-
-    def at(self, own: NDArray[np.int64], everyone: NDArray[np.int64]) -> Metric:
-        """The same of all trials, `own` being the numbers of those that it is of; NaN for the others."""
-        values = np.full(len(everyone), np.nan)
-        values[np.isin(everyone, own)] = self.values
-        return self._replace(values=values)
-
-    def of(self, own: NDArray[np.int64], some: NDArray[np.int64]) -> Metric:
-        """The same of some trials."""
-        return self._replace(values=self.values[np.isin(own, some)])
 
 
 def phases(recording: Recording) -> dict[str, Flags]:

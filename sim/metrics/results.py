@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 
 
 class Row(NamedTuple):

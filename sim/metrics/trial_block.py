@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.loop.lost_trials import LostTrial
 from sim.loop.recording import Recording
-from sim.metrics.one_body import Metric
+from sim.metric import Metric
 
 
 @dataclass(frozen=True, eq=False)

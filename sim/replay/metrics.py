@@ -9,9 +9,9 @@ import numpy as np
 
 from models.dynamics.state_layout import SIGMA_RATE
 from sim.loop.build import assembly_of
+from sim.metric import Metric
 from sim.metrics import one_body
 from sim.metrics.formation import mean_of_numbers
-from sim.metrics.one_body import Metric
 from sim.metrics.trial_block import TrialBlock, join
 from sim.parts import Array
 from sim.replay.replay import Replayed, judge

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from sim.loop.recording import Recording
 from sim.metrics.antenna_study import CHANNELS
-from sim.report.antenna_panels import LIGHT, plain_log, plane, response
 from sim.report.axes import FAULT, QUIET
-from sim.report.page import STYLE
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import AntennaFlight, antenna_flights
+from sim.series.antenna_panels import LIGHT, plain_log, plane, response
 from sim.series.loops import torque_unit
 from sim.series.palette import WHEEL_COLORS
+from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
 Several = tuple[AntennaFlight, ...]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
-from sim.report.page import STYLE
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.consensus import SMOOTHING_S, chosen, happenings, looks, moving_mean
+from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sim.crosscheck.attribution import size_deg
 from sim.crosscheck.divergence import QUANTITIES, passes, rms
 from sim.crosscheck.study import CrossCheck
-from sim.report.page import STYLE
+from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.crosscheck.agents import AgentsCrossCheck
-from sim.report.page import STYLE
 from sim.series.palette import LOOP_VARIANTS
+from sim.series.picture_style import STYLE
 
 LEAST = 1e-12
 

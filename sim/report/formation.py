@@ -16,10 +16,10 @@ from scipy.ndimage import uniform_filter1d
 from models.plants.formation import colour
 from sim.loop.recording import Recording
 from sim.metrics.formation import SETTLED
-from sim.report.page import STYLE
 from sim.scenario.formation import FormationScenario
 from sim.series.formation import FormationFlight, flights
 from sim.series.palette import LOOP_VARIANTS
+from sim.series.picture_style import STYLE
 from sim.units import RPM
 
 Array = NDArray[np.floating]

@@ -15,12 +15,12 @@ from sim.report.axes import QUIET, Several, line, over, plain_log, shade_faults
 from sim.report.estimates import counting, draw_estimate, draw_particles, draw_rate_error
 from sim.report.learned import draw_error, draw_torque
 from sim.report.modes import draw_gains, draw_modes
-from sim.report.page import STYLE
 from sim.report.tracking import draw_angle, draw_body_rate, draw_running_error
 from sim.scenario.one_body import Scenario
 from sim.series.learned import learners
 from sim.series.loops import Flight, edges, flights, moving_rms, torque_unit, window
 from sim.series.palette import WHEEL_COLORS
+from sim.series.picture_style import STYLE
 from sim.units import RPM
 
 MOST_IN_A_ROW = 6  # entries of the legend

@@ -15,29 +15,10 @@ from scipy.ndimage import uniform_filter1d
 from models.attitude import quaternion
 from sim.loop.recording import Recording
 from sim.series.palette import WHEEL_COLORS, on_light
+from sim.series.picture_style import SMOOTHING_S, STYLE
 from sim.units import RPM
 
 Array = NDArray[np.floating]
-
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 8.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.7,
-    "axes.grid": True,
-    "grid.color": "#e6e8ec",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.titlesize": 9,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-    "legend.fontsize": 7.5,
-    "xtick.direction": "out",
-    "lines.linewidth": 1.1,
-}
-SMOOTHING_S = 2.0
 
 
 def write_report(path: Path, name: str, title: str, recording: Recording, feedback: str) -> None:

@@ -14,9 +14,9 @@ from scipy.ndimage import uniform_filter1d
 from estimation.consistency import average_bounds
 from models.dynamics.state_layout import StateLayout
 from sim.loop.recording import Recording
-from sim.report.page import SMOOTHING_S, STYLE
 from sim.series.estimation_errors import error_of_block, unit_of_error
 from sim.series.palette import on_light
+from sim.series.picture_style import SMOOTHING_S, STYLE
 
 Array = NDArray[np.floating]
 

@@ -22,7 +22,7 @@ from sim.crosscheck.study import CrossCheck
 from sim.loop.recording import Recording
 from sim.plant.batch import diagnose
 from sim.rerun.blueprint import BACKGROUND, BOTH_BODIES, TIMELINE, TRAIL_S, Camera
-from sim.rerun.loops_scene import ROWS_MOST
+from sim.rerun.loops.scene import ROWS_MOST
 from sim.rerun.scene import CENTRE, GHOST_LABEL, GHOST_OFFSET, body_path, floating_body, lab_of_N, size_of, stands, to_lab
 from sim.rerun.sink import APPLICATION, Scales, columns, describe, entity, motion, start, style, time_column
 from sim.series.channels import Curve

@@ -8,7 +8,9 @@ from typing import Any
 
 from sim.loop.recording import Recording
 from sim.plant.kinds import compile_plant
-from sim.rerun import consensus, formation, loops, sink
+from sim.rerun import sink
+from sim.rerun.agents import consensus, formation
+from sim.rerun.loops import recording as loops
 from sim.scenario.one_body import Scenario
 
 Recordings = dict[str, Recording]

@@ -14,8 +14,8 @@ from scipy.stats import binomtest
 
 from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution, beats_both_by_trial
-from sim.report.page import STYLE
 from sim.series.palette import on_light
+from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim.campaign.settings import Campaign
-from sim.report.page import STYLE
+from sim.series.picture_style import STYLE
 
 
 @contextmanager

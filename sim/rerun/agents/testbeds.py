@@ -16,8 +16,8 @@ from models.plants.assembly import Assembly
 from models.plants.formation_nacs import RAISED
 from models.plants.nacs import WHEELS
 from sim.plant.batch import diagnose
+from sim.rerun.agents.formation_scene import HALF_ANGLE, MOST_LABELS, Moving, Rows, Still, links, rows_of, shades
 from sim.rerun.blueprint import UP
-from sim.rerun.formation_scene import HALF_ANGLE, MOST_LABELS, Moving, Rows, Still, links, rows_of, shades
 from sim.rerun.geoms import drawn, visible_geoms
 from sim.rerun.scene import lab_of_N, to_lab, triad
 from sim.rerun.sink import entity

@@ -11,10 +11,10 @@ import rerun as rr
 
 from sim.loop.recording import Recording
 from sim.plant.kinds import compile_plant
-from sim.rerun.antenna import AntennaLayout, outlook, pictures
 from sim.rerun.blueprint import blueprint
-from sim.rerun.loops_blueprint import LoopsLayout
-from sim.rerun.loops_scene import TRAIL_SHARE, Stage, camera, log_stage, motion, path_of, stage
+from sim.rerun.loops.antenna import AntennaLayout, outlook, pictures
+from sim.rerun.loops.blueprint import LoopsLayout
+from sim.rerun.loops.scene import TRAIL_SHARE, Stage, camera, log_stage, motion, path_of, stage
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import (

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sim.metrics.antenna_study import CHANNELS
-from sim.report.antenna_panels import DARK, plane, response
-from sim.report.page import STYLE
 from sim.rerun.blueprint import BACKGROUND
-from sim.rerun.loops_blueprint import LoopsLayout
-from sim.rerun.loops_scene import Outlook
+from sim.rerun.loops.blueprint import LoopsLayout
+from sim.rerun.loops.scene import Outlook
 from sim.series.antenna import AntennaFlight
+from sim.series.antenna_panels import DARK, plane, response
+from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
 Several = tuple[AntennaFlight, ...]

@@ -15,10 +15,10 @@ from scipy.ndimage import uniform_filter1d
 
 from sim.loop.recording import Recording
 from sim.plant.formation import compile_agents
+from sim.rerun.agents.formation_scene import FreeScene, Scene, shades
+from sim.rerun.agents.testbeds import RoomScene, wheel_curves
 from sim.rerun.blueprint import BACKGROUND, Page, blueprint
-from sim.rerun.formation_scene import FreeScene, Scene, shades
 from sim.rerun.sink import APPLICATION, describe, entity, style, time_column
-from sim.rerun.testbeds import RoomScene, wheel_curves
 from sim.scenario.formation import FormationScenario
 from sim.series.channels import Curve
 from sim.series.formation import FormationFlight, flights

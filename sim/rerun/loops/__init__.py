@@ -1,0 +1,1 @@
+"""Recordings of several closed loops on the same trial."""
