@@ -15,7 +15,8 @@ def divergence(found: AgentsCrossCheck) -> Table:
     if found.limit is not None:
         first = next(iter(found.quantities.values()))
         said = "stays" if found.passed else "does not stay"
-        caption += f"; {next(iter(found.apart))} {said} within {found.limit:g} {first.unit} of the plant over {CHECKED_S:g} s ({found.reached:.1e})"
+        model, limit = next(iter(found.apart)), f"{found.limit:g} {first.unit}"
+        caption += f"; {model} {said} within {limit} of the plant over {CHECKED_S:g} s ({found.reached:.1e})"
     table = plain_table(f"Divergence from the plant, open loop under the commands of {found.loop}", caption)
     for heading in ("model", "quantity"):
         table.add_column(heading, no_wrap=True)
