@@ -55,14 +55,14 @@ class PredictEach:
 
 
 def stacked(filters: Sequence[object]) -> ExtendedFilter | UnscentedFilter | None:
-    """One filter whose beliefs are (..., modes), or None if the filters differ in more than model, noise and prior."""
+    """One filter whose beliefs are (..., modes), or None if the filters differ in more than process model, noise and prior."""
     unscented = [one for one in filters if isinstance(one, UnscentedFilter)]
-    if len(unscented) == len(filters) and len({(type(one.space), one.points, one.integrate) for one in unscented}) == 1:
+    if len(unscented) == len(filters) and len({(*_reading(one), one.points, one.integrate) for one in unscented}) == 1:
         sampled = unscented[0]
         models = tuple(one.process for one in unscented)
         return replace(sampled, integrate=IntegrateEach(sampled.integrate, models), **_noises(unscented))
     extended = [one for one in filters if isinstance(one, ExtendedFilter)]
-    if len(extended) == len(filters) and len({(type(one.space), type(one.gain), one.prediction) for one in extended}) == 1:
+    if len(extended) == len(filters) and len({(*_reading(one), type(one.gain), one.prediction) for one in extended}) == 1:
         linearized = extended[0]
         models = tuple(one.process for one in extended)
         if isinstance(linearized.gain, KalmanGain):  # other laws have settings and memories of their own
@@ -70,11 +70,18 @@ def stacked(filters: Sequence[object]) -> ExtendedFilter | UnscentedFilter | Non
     return None
 
 
+def _reading(one: ExtendedFilter | UnscentedFilter) -> tuple[type, int]:
+    """Error coordinates, and what is read if that is not the whole state."""
+    return type(one.space), id(one.measurement)
+
+
 def _noises(filters: Sequence[ExtendedFilter] | Sequence[UnscentedFilter]) -> dict[str, Any]:
     """Noise and prior of every mode, the modes being the last batch axis."""
+    whole = filters[0].measurement is None  # otherwise all modes share the model of the reading, and its noise
+    read = np.stack(np.broadcast_arrays(*(one.measurement_model.noise for one in filters)), axis=-3) if whole else None
     return {
         "process_noise": np.stack(np.broadcast_arrays(*(one.process_noise for one in filters)), axis=-3),
-        "measurement_noise": np.stack(np.broadcast_arrays(*(one.measurement_noise for one in filters)), axis=-3),
+        "measurement_noise": read,
         "prior": np.stack([one.prior for one in filters]),
         "prior_variance": np.stack([one.prior_variance for one in filters]),
     }

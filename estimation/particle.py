@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Detection, Modes, cholesky, first_belief, innovate, no_detection, symmetrize
-from estimation.proposals import Optimal, ProcessNoise, Proposal
+from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detection, symmetrize
+from estimation.observation import begin, observe, whole_state
+from estimation.proposals import Optimal, ProcessNoise, Proposal, Through
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
 from estimation.state_space import Additive, Signed, StateSpace
 from estimation.vector_part import Measured, first_taken, taken
+from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
@@ -35,7 +37,7 @@ class ParticleBelief(NamedTuple):
 
     mean: Array  # (..., n)
     covariance: Array  # (..., e, e) of the state space's error coordinates
-    innovation: Array  # (..., e) reading minus prediction of them all; zero where missing
+    innovation: Array  # (..., d) reading minus prediction of them all; zero where missing
     nis: Array  # (...,) of that, by the covariance of the prediction
     log_likelihood: Array  # (...,) of the reading given the ones before
     dof: Array  # (...,) components of the reading that were not missing
@@ -50,7 +52,9 @@ class ParticleBelief(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ParticleFilter:
-    """Sequential importance resampling of a state read with NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
+    """Sequential importance resampling of a state, readings being NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
+
+    Particles are weighed by the reading's likelihood: of the state itself, or of what `measurement` makes of it.
 
     All but the particles' motion is reckoned in error coordinates as seen from the heaviest of them. That is exact for `Euclidean` and
     `Additive` ones, where the estimate is the weighted mean of quaternions of one sign, scaled to unit length, which to second order in
@@ -63,7 +67,7 @@ class ParticleFilter:
     Attributes:
       process: model dx/dt = f(x, u) of the state, (..., n).
       process_noise: of one step.
-      measurement_noise: R in error coordinates, (..., e, e).
+      measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
       particles: how many.
@@ -75,11 +79,15 @@ class ParticleFilter:
       measured: all of a reading's quaternion, or its vector part.
       space: error coordinates of the state.
       integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
+      measurement: model of the reading and its noise.
+
+    Raises:
+      ValueError: settings out of range, or that do not fit together.
     """
 
     process: ProcessModel
     process_noise: ProcessNoise
-    measurement_noise: Array
+    measurement_noise: Array | None
     prior: Array
     prior_variance: Array
     particles: int = 100
@@ -90,6 +98,7 @@ class ParticleFilter:
     measured: Measured = "quaternion"
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+    measurement: MeasurementModel | None = None
 
     def __post_init__(self) -> None:
         if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
@@ -97,20 +106,26 @@ class ParticleFilter:
             raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
         if self.measured == "vector" and not isinstance(self.space, Additive):
             raise ValueError('measured = "vector" needs Additive coordinates: a vector part alone is no rotation')
+        _ = self.measurement_model  # so that bad settings are refused here
 
     @cached_property
     def _space(self) -> StateSpace:
         return Signed() if self.measured == "vector" else self.space
 
+    @cached_property
+    def measurement_model(self) -> MeasurementModel:
+        """What is read."""
+        return whole_state(self.measurement, self.measurement_noise, self._space)
+
     @property
     def size(self) -> int:
         """Error coordinates e of the state: random numbers a particle and step."""
-        return int(self.measurement_noise.shape[-1])
+        return int(self.prior_variance.shape[-1])
 
     def initial(self, measurement: Array, draws: Draws) -> ParticleBelief:
-        """Start around the first reading (..., n) with its noise; what it misses comes from the prior."""
+        """Start around the first reading (..., m) with its noise; what it misses comes from the prior."""
         seen = first_taken(measurement, self.measured)
-        first = first_belief(self._space, seen, self.measurement_noise, self.prior, self.prior_variance)
+        first = begin(self.measurement_model, self._space, seen, self.prior, self.prior_variance)
         errors = draws.normals @ cholesky(first.covariance).swapaxes(-1, -2)
         lead = first.nis.shape
         log_weights = np.full((*lead, self.particles), -np.log(self.particles))
@@ -119,7 +134,7 @@ class ParticleFilter:
         return ParticleBelief(*first[:7], particles, log_weights, ess, np.zeros(lead))
 
     def step(self, belief: ParticleBelief, command: Array, measurement: Array, dt: float, draws: Draws) -> ParticleBelief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
@@ -130,13 +145,22 @@ class ParticleFilter:
         centre = np.take_along_axis(particles, heaviest, axis=-2)
         errors = self._space.difference(particles, centre)
         centre = centre[..., 0, :]
-        reading = self._space.difference(taken(measurement, self.measured), centre)
+        reading = taken(measurement, self.measured)
+        residual, noise, sensitivity = observe(self.measurement_model, self._space, reading, centre)
 
         root = self.process_noise.root(belief.mean, belief.elapsed)
         mean, covariance = moments(np.exp(log_weights), errors)
-        innovation = innovate(covariance + root @ root.swapaxes(-1, -2), reading - mean, self.measurement_noise)
+        through = None if sensitivity is None else self._through(reading, centre, sensitivity)
+        apart: Array
+        if through is None:
+            apart = residual - mean
+        elif through.innovations is None:
+            apart = residual - (through.sensitivity @ mean[..., None])[..., 0]
+        else:
+            apart = through.innovations(mean[..., None, :])[..., 0, :]
+        innovation = innovate(covariance + root @ root.swapaxes(-1, -2), apart, noise, sensitivity)
 
-        errors, gained = self.proposal.propose(errors, reading, root, self.measurement_noise, draws.normals)
+        errors, gained = self.proposal.propose(errors, residual, root, noise, draws.normals, through)
         log_weights, log_likelihood = normalize(log_weights + gained)
         mean, covariance = moments(np.exp(log_weights), errors)
         return ParticleBelief(
@@ -152,6 +176,17 @@ class ParticleFilter:
             ess=effective_sample_size(log_weights),
             elapsed=belief.elapsed + dt,
         )
+
+    def _through(self, reading: Array, centre: Array, sensitivity: Array) -> Through:
+        """How particles whose errors are seen from `centre` (..., n) are read."""
+        model, space = self.measurement_model, self._space
+        if model.linear(space.attitude) is not None:
+            return Through(sensitivity)
+
+        def innovations(errors: Array) -> Array:
+            return model.residual(reading[..., None, :], model.predict(space.displace(centre[..., None, :], errors)))
+
+        return Through(sensitivity, innovations)
 
     def _move(self, particles: Array, command: Array, dt: float) -> Array:
         """Particles after `dt` seconds of `command`; in blocks, so that intermediate states stay in the processor's cache."""

@@ -33,7 +33,7 @@ class PartlyReadFilter:
     @property
     def read(self) -> int:
         """Components that are read."""
-        return self.unscented.measurement_noise.shape[-1]
+        return int(self.unscented.measurement_model.noise.shape[-1])
 
     def initial(self, reading: Array) -> Belief:
         """Start from the first reading (..., read) and its noise; all else comes from the prior."""
@@ -44,7 +44,7 @@ class PartlyReadFilter:
         mean[..., :read] = np.where(missing, mean[..., :read], reading)
         covariance = np.array(np.broadcast_to(np.diag(self.unscented.prior_variance), (*lead, len(prior), len(prior))))
         known = ~missing[..., :, None] & ~missing[..., None, :]
-        covariance[..., :read, :read] = np.where(known, self.unscented.measurement_noise, covariance[..., :read, :read])
+        covariance[..., :read, :read] = np.where(known, self.unscented.measurement_model.noise, covariance[..., :read, :read])
         nothing, unknown = np.zeros(lead), np.full(lead, np.nan)
         memory = FadingMemory(np.ones(lead), np.full((*lead, read), np.nan), nothing)
         dof = np.sum(~missing, axis=-1, dtype=float)
@@ -58,7 +58,7 @@ class PartlyReadFilter:
           LostDefiniteness: the innovation covariance is not positive definite.
         """
         memory: FadingMemory = belief.memory
-        read, noise, process = self.read, self.unscented.measurement_noise, self.unscented.process_noise
+        read, noise, process = self.read, self.unscented.measurement_model.noise, self.unscented.process_noise
         predicted = self.unscented.propagate(belief, command, dt)
         residual = reading - predicted.mean[..., :read]
         part = predicted.covariance[..., :read, :read]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
 from estimation.particle import moments
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from models.dynamics.measurement import MeasurementModel
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]

@@ -32,7 +32,10 @@ class StackedGain:
         gains, detections = [], []
         for i, law in enumerate(self.laws):
             own = Detection(detection.statistic[i], detection.declared[i], (detection.history[i],))
-            gain, after = law.gain(Innovation(*(part[i] for part in innovation)), own)
+            seen = Innovation(*(part[i] for part in innovation[:5]))
+            if innovation.sensitivity is not None:
+                seen = seen._replace(sensitivity=innovation.sensitivity[i])
+            gain, after = law.gain(seen, own)
             gains.append(gain)
             detections.append(after)
         return np.stack(gains), _join(detections)
@@ -47,8 +50,9 @@ def _join(detections: list[Detection]) -> Detection:
 
 
 def stackable(left: ExtendedFilter, right: ExtendedFilter) -> bool:
-    """Whether two filters share model, coordinates and discretisation, so that only noise and gain tell them apart."""
-    return left.process is right.process and type(left.space) is type(right.space) and left.prediction is right.prediction
+    """Whether two filters share models, coordinates and discretisation, so that only noise and gain tell them apart."""
+    same_models = left.process is right.process and left.measurement is right.measurement
+    return same_models and type(left.space) is type(right.space) and left.prediction is right.prediction
 
 
 def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
@@ -57,10 +61,11 @@ def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
     return ExtendedFilter(
         process=first.process,
         process_noise=np.stack([f.process_noise for f in filters])[:, None],
-        measurement_noise=np.stack([f.measurement_noise for f in filters])[:, None],
+        measurement_noise=None if first.measurement else np.stack([f.measurement_model.noise for f in filters])[:, None],
         prior=first.prior,
         prior_variance=first.prior_variance,
         gain=StackedGain(tuple(f.gain for f in filters)),
         space=first.space,
         prediction=first.prediction,
+        measurement=first.measurement,
     )
