@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,14 +175,21 @@ class MarginalisedUnscentedFilter:
         """The filter of two blocks that this is."""
         motion, parameters = len(self.motion_noise), len(self.parameter_noise)
         noises = self.process, self.motion_noise, self.parameter_noise
-        common = (self.measurement_noise, self.particles, self.proposal, self.resampling, self.threshold)
+        common: dict[str, Any] = {
+            "measurement_noise": self.measurement_noise,
+            "particles": self.particles,
+            "proposal": self.proposal,
+            "resampling": self.resampling,
+            "threshold": self.threshold,
+            "measurement": self.measurement,
+        }
         whole = self.measurement is None
         if self.sampled == "state":
             by_motion = np.eye(motion) if whole else None
-            return RaoBlackwellisedFilter(GivenMotion(*noises), by_motion, None, *common, measurement=self.measurement, measured="sampled")
+            return RaoBlackwellisedFilter(GivenMotion(*noises), by_motion, None, **common, measured="sampled")
         model = GivenParameters(*noises, self.points, self.integrate)
-        by_blocks = (np.zeros((motion, parameters)), np.eye(motion)) if whole else (None, None)
-        return RaoBlackwellisedFilter(model, *by_blocks, *common, measurement=self.measurement, measured="conditional")
+        by_parameters, by_motion = (np.zeros((motion, parameters)), np.eye(motion)) if whole else (None, None)
+        return RaoBlackwellisedFilter(model, by_parameters, by_motion, **common, measured="conditional")
 
     def initial(self, reading: Array, draws: BlockDraws) -> BlockBelief:
         """Start around the first reading of the motion, (..., 2 d), of which nothing may be missing; or from the prior and any reading."""
