@@ -87,16 +87,18 @@ def begin(measurement: MeasurementModel, space: StateSpace, reading: Array, prio
       measurement: of the reading.
       space: error coordinates of the state.
       reading: NaN where missing.
-      prior: state (..., n).
+      prior: state (..., n); its leading axes, as those of the noise, join those of the reading.
       prior_variance: of that, in error coordinates, (..., e).
 
     Raises:
       LostDefiniteness: the innovation covariance of a prior that is corrected is not positive definite.
     """
+    lead = np.broadcast_shapes(measurement.noise.shape[:-2], prior.shape[:-1], prior_variance.shape[:-1])
+    noise = np.broadcast_to(measurement.noise, (*lead, *measurement.noise.shape[-2:]))
     if directly(measurement, space):
         reading = measurement.of(reading) if isinstance(measurement, PartOfReading) else reading
-        return first_belief(space, reading, measurement.noise, prior, prior_variance)
-    lead = np.broadcast_shapes(reading.shape[:-1], measurement.noise.shape[:-2])
+        return first_belief(space, reading, noise, prior, prior_variance)
+    lead = np.broadcast_shapes(reading.shape[:-1], lead)
     start = np.array(np.broadcast_to(prior, (*lead, prior.shape[-1])))
     observation = observe(measurement, space, reading, start)
     missing = np.isnan(observation.residual)
@@ -107,11 +109,11 @@ def begin(measurement: MeasurementModel, space: StateSpace, reading: Array, prio
         seen = rows * known[..., None]  # (..., d, e) every row a component of the error, or nothing
         correction = (seen.swapaxes(-1, -2) @ np.where(missing, 0.0, observation.residual)[..., None])[..., 0]
         unread = 1.0 - np.sum(seen, axis=-2)
-        covariance = covariance * unread[..., None] + seen.swapaxes(-1, -2) @ observation.noise @ seen
+        covariance = covariance * unread[..., None] + seen.swapaxes(-1, -2) @ noise @ seen
     else:
         innovation = innovate(covariance, *observation)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
-        covariance = joseph(covariance, innovation.gain, observation.noise, innovation.sensitivity)
+        covariance = joseph(covariance, innovation.gain, noise, innovation.sensitivity)
     nothing = np.zeros(lead)
     unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
     dof = np.broadcast_to(np.sum(known, axis=-1), lead)

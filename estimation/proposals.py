@@ -122,8 +122,8 @@ class Optimal:
 
     In closed form where the reading is linear in the error: with S = H Q H' + R of what is read the mean moves by Q H' S^-1 times the
     innovation, and the covariance is Q - Q H' S^-1 H Q = L (I + L' H' R^-1 H L)^-1 L'. Where it is not, H is that of the state from which
-    errors are seen (their sec. II-D.3), and particles weigh by the ratio p(z_k | x_k) p(x_k | x_k-1) / q(x_k), which no linearisation
-    makes wrong.
+    errors are seen (their sec. II-D.3), and particles weigh by the ratio p(z_k | x_k) p(x_k | x_k-1) / q(x_k), so that they still come to
+    the posterior; but of two humps that a reading leaves, such as those of a square, all may be drawn from one: then use `Bootstrap`.
     """
 
     def propose(

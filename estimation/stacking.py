@@ -62,7 +62,7 @@ def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
         process=first.process,
         process_noise=np.stack([f.process_noise for f in filters])[:, None],
         measurement_noise=None if first.measurement else np.stack([f.measurement_model.noise for f in filters])[:, None],
-        prior=first.prior,
+        prior=np.broadcast_to(first.prior, (len(filters), 1, *first.prior.shape[-1:])) if first.measurement else first.prior,
         prior_variance=first.prior_variance,
         gain=StackedGain(tuple(f.gain for f in filters)),
         space=first.space,
