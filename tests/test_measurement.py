@@ -198,7 +198,7 @@ class Sums:
     def jacobian(self, state):
         return np.broadcast_to(self.matrix, (*state.shape[:-1], *self.matrix.shape))
 
-    def linear(self, errors):
+    def linear(self, errors):  # noqa: ARG002
         return self.matrix if self.said else None
 
 
@@ -303,7 +303,7 @@ class Swing:
     def jacobian(self, state):
         raise NotImplementedError
 
-    def linear(self, errors):
+    def linear(self, errors):  # noqa: ARG002
         return None
 
 
@@ -316,9 +316,7 @@ def test_a_nonlinear_reading_goes_through_sigma_points_as_in_filterpy():
         return np.stack([state[..., 0] + dt * state[..., 1], state[..., 1] - dt * np.sin(state[..., 0]), state[..., 2]], axis=-1)
 
     common = {"process": None, "process_noise": noise, "prior": np.array([0.5, 0.1, 9.8]), "prior_variance": np.full(3, 0.2)}
-    ours = UnscentedFilter(
-        **common, measurement_noise=None, measurement=Swing(), space=Euclidean(), alpha=0.8, kappa=0.5, integrate=moved
-    )
+    ours = UnscentedFilter(**common, measurement_noise=None, measurement=Swing(), space=Euclidean(), alpha=0.8, kappa=0.5, integrate=moved)
     theirs = UnscentedKalmanFilter(
         3, 3, DT, hx=Swing().predict, fx=lambda x, dt: moved(None, x, None, dt), points=MerweScaledSigmaPoints(3, 0.8, 2.0, 0.5)
     )
@@ -428,7 +426,7 @@ def test_a_nonlinear_reading_leaves_the_posterior_that_a_grid_has():
         ours = ParticleFilter(
             process=None, process_noise=ConstantNoise(np.array([[np.sqrt(q)]])), measurement_noise=None, prior=np.array([0.4]),
             prior_variance=np.array([0.2]), particles=particles, proposal=proposal, space=Euclidean(), measurement=model,
-            integrate=lambda process, state, command, dt: state,
+            integrate=lambda process, state, command, dt: state,  # noqa: ARG005
         )  # fmt: skip
         rng = np.random.default_rng(11)
         belief = ours.initial(np.array([np.nan]), draws(rng, (), particles, 1))
@@ -503,16 +501,16 @@ def watch(ours: Any, readings: Array, command: Array, seed: int = 13) -> list[An
 
 LAYER = np.repeat([8e-4, 8e-3, 2.0], [3, 3, 4])
 FILTERS: dict[str, Any] = {
-    "mekf": lambda model, **noise: body_filter(model, **noise),
+    "mekf": body_filter,
     "ukf": lambda model, **noise: body_filter(model, kind=UnscentedFilter, **noise),
     "aukf": lambda model, **noise: AdaptiveUnscentedFilter(
         body_filter(model, kind=UnscentedFilter, **noise), ConstantNoise.of(body_settings(model)["process_noise"]), StrongTracking()
     ),
     "sif": lambda model, layer=LAYER, **noise: body_filter(model, gain=SlidingGain(layer), **noise),
     "switched": lambda model, layer=LAYER, **noise: body_filter(model, gain=SwitchedGain(layer, Windowed(5), len(layer)), **noise),
-    "imm of mekf": lambda model, **noise: imm(model, **noise),
+    "imm of mekf": imm,
     "imm of ukf": lambda model, **noise: imm(model, UnscentedFilter, **noise),
-    "pf, optimal": lambda model, **noise: body_particles(model, **noise),
+    "pf, optimal": body_particles,
     "pf, bootstrap": lambda model, **noise: body_particles(model, proposal="bootstrap", **noise),
 }
 every_filter = pytest.mark.parametrize("kind", FILTERS.keys())
@@ -575,7 +573,10 @@ def test_what_never_reads_might_as_well_not_be_there(kind):
     if kind.startswith("imm"):
         start["prior"] = start["prior"][0]
         readings, dark, command = readings[:, :1], dark[:, :1], command[:, :1]
-    layer = {id(most): np.repeat([8e-4, 1e-8, 8e-3, 2.0], [3, 3, 3, 4]), id(every): np.repeat([8e-4, 1.0, 1e-8, 8e-3, 2.0], [3, 3, 3, 3, 4])}
+    layer = {
+        id(most): np.repeat([8e-4, 1e-8, 8e-3, 2.0], [3, 3, 3, 4]),
+        id(every): np.repeat([8e-4, 1.0, 1e-8, 8e-3, 2.0], [3, 3, 3, 3, 4]),
+    }
     less, more = (FILTERS[kind](one, **start, **layered(kind, layer[id(one)])) for one in (most, every))
     if kind == "switched":
         more = replace(more, gain=replace(more.gain, dof=less.gain.dof))
