@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.extended_kalman import ExtendedFilter, GainLaw
 from estimation.gaussian import Detection, Innovation
+from estimation.shared_reading import reads_alike, share
 
 Array = NDArray[np.floating]
 
@@ -51,21 +52,23 @@ def _join(detections: list[Detection]) -> Detection:
 
 def stackable(left: ExtendedFilter, right: ExtendedFilter) -> bool:
     """Whether two filters share models, coordinates and discretisation, so that only noise and gain tell them apart."""
-    same_models = left.process is right.process and left.measurement is right.measurement
+    same_models = left.process is right.process and reads_alike(left.measurement, right.measurement)
     return same_models and type(left.space) is type(right.space) and left.prediction is right.prediction
 
 
 def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
     """One filter that steps all of `filters` (mutually stackable); beliefs are (filters, trials, ...)."""
     first = filters[0]
+    measured = [f.measurement for f in filters if f.measurement is not None]
+    prior = np.broadcast_to(first.prior, (len(filters), 1, *first.prior.shape[-1:])) if measured else first.prior
     return ExtendedFilter(
         process=first.process,
         process_noise=np.stack([f.process_noise for f in filters])[:, None],
-        measurement_noise=None if first.measurement else np.stack([f.measurement_model.noise for f in filters])[:, None],
-        prior=np.broadcast_to(first.prior, (len(filters), 1, *first.prior.shape[-1:])) if first.measurement else first.prior,
+        measurement_noise=None if measured else np.stack([f.measurement_model.noise for f in filters])[:, None],
+        prior=prior,
         prior_variance=first.prior_variance,
         gain=StackedGain(tuple(f.gain for f in filters)),
         space=first.space,
         prediction=first.prediction,
-        measurement=first.measurement,
+        measurement=share(measured, lambda noises: np.stack(noises)[:, None]) if measured else None,
     )

@@ -20,7 +20,9 @@ from estimation.stacking import stack, stackable
 from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
 from estimation.unscented import UnscentedFilter, euler
 from models.attitude.quaternion import IDENTITY
+from models.dynamics.measurement import WholeState
 from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
+from models.dynamics.stacked_measurement import PartOfReading
 from models.dynamics.wheel_faults import WheelFault
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants.monolithic import MonolithicParameters
@@ -104,8 +106,8 @@ class Bank:
         return known[..., : known.shape[-1] // 2] if self.speeds_are_states and not self.whole else known
 
     def measured(self, reading: Array) -> Array:
-        """What it takes for a measurement of a reading (trials, 7 + wheels)."""
-        return reading if self.speeds_are_states or self.whole else reading[..., :7]
+        """A reading (trials, 7 + wheels) as it is: what a filter takes of it its measurement model says."""
+        return reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,13 +165,19 @@ def _single(
         process = models.with_drag if tuning.wheel_drag else models.plain
     else:
         process = believed(models.parameters, tuning.wheel_drag, fault)
+    space: StateSpace = Multiplicative() if multiplicative else Additive()
+    if isinstance(settings, Aukf) and settings.measured == "vector":
+        space = Signed()
+    noise_of_reading = np.diag(np.repeat(unit * r, counts))
+    whole = WholeState(noise_of_reading, space.attitude)
     common: dict[str, Any] = {
         "process": process,
         "process_noise": np.diag(np.repeat(unit * q, counts)),
-        "measurement_noise": np.diag(np.repeat(unit * r, counts)),
+        "measurement_noise": noise_of_reading if models.speeds_are_states else None,
+        "measurement": None if models.speeds_are_states else PartOfReading(whole, slice(0, 7)),  # wheel speeds are inputs
         "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
         "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
-        "space": Multiplicative() if multiplicative else Additive(),
+        "space": space,
     }
     explicit = settings.discretization == "euler"
     noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
@@ -186,8 +194,6 @@ def _single(
         )
     if isinstance(settings, Ukf):
         common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
-        if isinstance(settings, Aukf) and settings.measured == "vector":
-            common["space"] = Signed()
         unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
         if isinstance(settings, Aukf):
             return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law, settings.measured)
