@@ -14,7 +14,6 @@ from estimation.observation import observe
 from estimation.proposals import ProcessNoise
 from estimation.state_space import StateSpace
 from estimation.unscented import Predicted, UnscentedFilter
-from estimation.vector_part import Measured, first_taken, taken
 
 Array = NDArray[np.floating]
 
@@ -37,13 +36,11 @@ class AdaptiveUnscentedFilter:
       unscented: the filter; its own process noise is not used.
       process_noise: of one step.
       fading: law of lambda.
-      measured: all of a reading's quaternion, or its vector part (then with `Signed` coordinates).
     """
 
     unscented: UnscentedFilter
     process_noise: ProcessNoise
     fading: FadingLaw = field(default_factory=ConstantFading)
-    measured: Measured = "quaternion"
 
     @property
     def space(self) -> StateSpace:
@@ -52,7 +49,7 @@ class AdaptiveUnscentedFilter:
 
     def initial(self, measurement: Array) -> Belief:
         """Start from the first reading (..., m) and its noise; what it misses comes from the prior."""
-        belief = self.unscented.initial(first_taken(measurement, self.measured))
+        belief = self.unscented.initial(measurement)
         lead, size = belief.nis.shape, belief.innovation.shape[-1]
         return belief._replace(memory=FadingMemory(np.ones(lead), np.full((*lead, size), np.nan), np.zeros(lead)))
 
@@ -64,10 +61,9 @@ class AdaptiveUnscentedFilter:
         """
         memory: FadingMemory = belief.memory
         predicted = self.unscented.propagate(belief, command, dt)
-        reading = taken(measurement, self.measured)
         root = self.process_noise.root(belief.mean, memory.elapsed)
         process = root @ root.swapaxes(-1, -2)
-        observation = observe(self.unscented.measurement_model, self.space, reading, predicted.mean)
+        observation = observe(self.unscented.measurement_model, self.space, measurement, predicted.mean)
         factor, variance = self.fading.factor(Surprise.of(observation, predicted.covariance, process), memory.variance)
         faded = Predicted(predicted.mean, factor[..., None, None] * predicted.covariance + process, predicted.lost)
-        return self.unscented.correct(faded, belief, reading, FadingMemory(factor, variance, memory.elapsed + dt))
+        return self.unscented.correct(faded, belief, measurement, FadingMemory(factor, variance, memory.elapsed + dt))

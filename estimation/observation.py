@@ -12,6 +12,7 @@ from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import StateSpace
 from models.dynamics.measurement import MeasurementModel, WholeState
 from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.vector_part_measurement import VectorPart
 
 Array = NDArray[np.floating]
 
@@ -25,8 +26,14 @@ class Observation(NamedTuple):
 
 
 def whole_state(measurement: MeasurementModel | None, noise: Array | None, space: StateSpace) -> MeasurementModel:
-    """What a filter reads: what `measurement` says, or else the whole state with `noise`; raises ValueError if both are given, or none."""
+    """What a filter reads: what `measurement` says, or else the whole state with `noise`.
+
+    Raises:
+      ValueError: both are given, or none; or a vector part is to be read in coordinates that take q and -q for one state.
+    """
     if measurement is not None and noise is None:
+        if isinstance(measurement, VectorPart) and space.attitude != "components":
+            raise ValueError("a vector part needs Signed coordinates: without the fourth component q and -q are two states")
         return measurement
     if measurement is None and noise is not None:
         return WholeState(noise, space.attitude)
@@ -93,10 +100,14 @@ def begin(measurement: MeasurementModel, space: StateSpace, reading: Array, prio
     Raises:
       LostDefiniteness: the innovation covariance of a prior that is corrected is not positive definite.
     """
+    if isinstance(measurement, PartOfReading):
+        return begin(measurement.measurement, space, measurement.of(reading), prior, prior_variance)
+    if isinstance(measurement, VectorPart):
+        first = begin(WholeState(measurement.noise_of_whole), space, measurement.completed(reading), prior, prior_variance)
+        return first._replace(innovation=first.innovation[..., 1:])
     lead = np.broadcast_shapes(measurement.noise.shape[:-2], prior.shape[:-1], prior_variance.shape[:-1])
     noise = np.broadcast_to(measurement.noise, (*lead, *measurement.noise.shape[-2:]))
     if directly(measurement, space):
-        reading = measurement.of(reading) if isinstance(measurement, PartOfReading) else reading
         return first_belief(space, reading, noise, prior, prior_variance)
     lead = np.broadcast_shapes(reading.shape[:-1], lead)
     start = np.array(np.broadcast_to(prior, (*lead, prior.shape[-1])))

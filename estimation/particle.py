@@ -14,8 +14,7 @@ from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detecti
 from estimation.observation import begin, observe, whole_state
 from estimation.proposals import Optimal, ProcessNoise, Proposal, Through
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
-from estimation.state_space import Additive, Signed, StateSpace
-from estimation.vector_part import Measured, first_taken, taken
+from estimation.state_space import Additive, StateSpace
 from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
@@ -76,7 +75,6 @@ class ParticleFilter:
       threshold: effective share of the particles below which they are resampled.
       roughening: K of Gordon, Salmond & Smith (1993, sec. 3): after resampling each error coordinate is jittered with the deviation
         K (range of the copies) particles^(-1/e); 0: not at all.
-      measured: all of a reading's quaternion, or its vector part.
       space: error coordinates of the state.
       integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
       measurement: model of the reading and its noise.
@@ -95,7 +93,6 @@ class ParticleFilter:
     resampling: Resampling = systematic
     threshold: float = 0.5
     roughening: float = 0.0
-    measured: Measured = "quaternion"
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
     measurement: MeasurementModel | None = None
@@ -104,18 +101,12 @@ class ParticleFilter:
         if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
             settings = f"particles = {self.particles}, threshold = {self.threshold:g}, roughening = {self.roughening:g}"
             raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
-        if self.measured == "vector" and not isinstance(self.space, Additive):
-            raise ValueError('measured = "vector" needs Additive coordinates: a vector part alone is no rotation')
         _ = self.measurement_model  # so that bad settings are refused here
-
-    @cached_property
-    def _space(self) -> StateSpace:
-        return Signed() if self.measured == "vector" else self.space
 
     @cached_property
     def measurement_model(self) -> MeasurementModel:
         """What is read."""
-        return whole_state(self.measurement, self.measurement_noise, self._space)
+        return whole_state(self.measurement, self.measurement_noise, self.space)
 
     @property
     def size(self) -> int:
@@ -124,12 +115,11 @@ class ParticleFilter:
 
     def initial(self, measurement: Array, draws: Draws) -> ParticleBelief:
         """Start around the first reading (..., m) with its noise; what it misses comes from the prior."""
-        seen = first_taken(measurement, self.measured)
-        first = begin(self.measurement_model, self._space, seen, self.prior, self.prior_variance)
+        first = begin(self.measurement_model, self.space, measurement, self.prior, self.prior_variance)
         errors = draws.normals @ cholesky(first.covariance).swapaxes(-1, -2)
         lead = first.nis.shape
         log_weights = np.full((*lead, self.particles), -np.log(self.particles))
-        particles = self._space.displace(first.mean[..., None, :], errors)
+        particles = self.space.displace(first.mean[..., None, :], errors)
         ess = np.full(lead, float(self.particles))
         return ParticleBelief(*first[:7], particles, log_weights, ess, np.zeros(lead))
 
@@ -143,14 +133,13 @@ class ParticleFilter:
         particles = self._move(particles, command[..., None, :], dt)
         heaviest = np.argmax(log_weights, axis=-1)[..., None, None]
         centre = np.take_along_axis(particles, heaviest, axis=-2)
-        errors = self._space.difference(particles, centre)
+        errors = self.space.difference(particles, centre)
         centre = centre[..., 0, :]
-        reading = taken(measurement, self.measured)
-        residual, noise, sensitivity = observe(self.measurement_model, self._space, reading, centre)
+        residual, noise, sensitivity = observe(self.measurement_model, self.space, measurement, centre)
 
         root = self.process_noise.root(belief.mean, belief.elapsed)
         mean, covariance = moments(np.exp(log_weights), errors)
-        through = None if sensitivity is None else self._through(reading, centre, sensitivity)
+        through = None if sensitivity is None else self._through(measurement, centre, sensitivity)
         apart: Array
         if through is None:
             apart = residual - mean
@@ -164,14 +153,14 @@ class ParticleFilter:
         log_weights, log_likelihood = normalize(log_weights + gained)
         mean, covariance = moments(np.exp(log_weights), errors)
         return ParticleBelief(
-            mean=self._space.displace(centre, mean),
+            mean=self.space.displace(centre, mean),
             covariance=covariance,
             innovation=innovation.residual,
             nis=innovation.nis,
             log_likelihood=log_likelihood,
             dof=innovation.dof,
             detection=no_detection(innovation.nis),
-            particles=self._space.displace(centre[..., None, :], errors),
+            particles=self.space.displace(centre[..., None, :], errors),
             log_weights=log_weights,
             ess=effective_sample_size(log_weights),
             elapsed=belief.elapsed + dt,
@@ -179,7 +168,7 @@ class ParticleFilter:
 
     def _through(self, reading: Array, centre: Array, sensitivity: Array) -> Through:
         """How particles whose errors are seen from `centre` (..., n) are read."""
-        model, space = self.measurement_model, self._space
+        model, space = self.measurement_model, self.space
         if model.linear(space.attitude) is not None:
             return Through(sensitivity)
 
@@ -212,10 +201,10 @@ class ParticleFilter:
         """Copies (resampled trials, particles, n) moved apart a little, since the model would keep them together."""
         if jitter is None:
             raise ValueError("roughening needs normal numbers of its own: Draws.jitter")
-        errors = self._space.difference(copies, mean[..., None, :])
+        errors = self.space.difference(copies, mean[..., None, :])
         width = self.roughening * self.particles ** (-1.0 / self.size) * np.ptp(errors, axis=-2, keepdims=True)
         normals = np.broadcast_to(jitter, (*few.shape, *jitter.shape[-2:]))[few]
-        return self._space.displace(mean[..., None, :], errors + width * normals)
+        return self.space.displace(mean[..., None, :], errors + width * normals)
 
 
 def moments(weights: Array, errors: Array) -> tuple[Array, Array]:

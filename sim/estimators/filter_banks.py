@@ -20,9 +20,10 @@ from estimation.stacking import stack, stackable
 from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
 from estimation.unscented import UnscentedFilter, euler
 from models.attitude.quaternion import IDENTITY
-from models.dynamics.measurement import WholeState
+from models.dynamics.measurement import MeasurementModel, WholeState
 from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
 from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.vector_part_measurement import VectorPart
 from models.dynamics.wheel_faults import WheelFault
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants.monolithic import MonolithicParameters
@@ -165,16 +166,17 @@ def _single(
         process = models.with_drag if tuning.wheel_drag else models.plain
     else:
         process = believed(models.parameters, tuning.wheel_drag, fault)
-    space: StateSpace = Multiplicative() if multiplicative else Additive()
-    if isinstance(settings, Aukf) and settings.measured == "vector":
-        space = Signed()
+    by_vector = isinstance(settings, Aukf | Pf) and settings.measured == "vector"
+    space: StateSpace = Multiplicative() if multiplicative else Signed() if by_vector else Additive()
     noise_of_reading = np.diag(np.repeat(unit * r, counts))
-    whole = WholeState(noise_of_reading, space.attitude)
+    read: MeasurementModel = VectorPart(noise_of_reading) if by_vector else WholeState(noise_of_reading, space.attitude)
+    if not models.speeds_are_states:
+        read = PartOfReading(read, slice(0, 7))  # wheel speeds are inputs
     common: dict[str, Any] = {
         "process": process,
         "process_noise": np.diag(np.repeat(unit * q, counts)),
-        "measurement_noise": noise_of_reading if models.speeds_are_states else None,
-        "measurement": None if models.speeds_are_states else PartOfReading(whole, slice(0, 7)),  # wheel speeds are inputs
+        "measurement_noise": None,
+        "measurement": read,
         "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
         "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
         "space": space,
@@ -189,14 +191,13 @@ def _single(
             resampling=SCHEMES[settings.resampling],
             threshold=settings.threshold,
             roughening=settings.roughening,
-            measured=settings.measured,
             integrate=euler if explicit else runge_kutta,
         )
     if isinstance(settings, Ukf):
         common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
         unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
         if isinstance(settings, Aukf):
-            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law, settings.measured)
+            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law)
         return unscented
     return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
 
