@@ -17,6 +17,7 @@ from estimation.resampling import SCHEMES
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.measurement import PartOfState
 from sim.formation_randomness import ParticleDraws
 from sim.plant.formation import Parameters
 from sim.randomness import Trials
@@ -54,22 +55,21 @@ class Observer:
 
         An agent's filter that is lost, whose particles or estimate are further than `LOST` from what is read, begins anew.
         """
-        measured = np.concatenate([reading, np.full(reading.shape, np.nan)], axis=-1)
         lead = reading.shape[:-1]
         if isinstance(self.filter, ParticleFilter):
             assert self.draws is not None
             draws = self.draws.tick()
-            first: Any = self.filter.initial(measured, draws)
+            first: Any = self.filter.initial(reading, draws)
             if belief is None:
                 return Watched(first, np.zeros(lead, dtype=bool))
-            after: Any = self.filter.step(belief, torque, measured, dt, draws)
+            after: Any = self.filter.step(belief, torque, reading, dt, draws)
             lost = _lost(after.particles, reading[..., None, :]).any(axis=-1) | _lost(after.mean, reading)
         else:
             if belief is None:
-                return Watched(self.filter.initial(measured), np.zeros(lead, dtype=bool))
-            after = self.filter.step(belief, torque, measured, dt)
+                return Watched(self.filter.initial(reading), np.zeros(lead, dtype=bool))
+            after = self.filter.step(belief, torque, reading, dt)
             lost = _lost(after.mean, reading)
-            first = self.filter.initial(measured) if lost.any() else after
+            first = self.filter.initial(reading) if lost.any() else after
         return Watched(choose(lost, first, after) if lost.any() else after, lost)
 
 
@@ -84,13 +84,13 @@ def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, 
     process = AttitudeByRodrigues(plant.believed_inertia[:, None])  # one more axis: sigma points or particles
     rate = settings.rate_process_deviation or settings.process_deviation
     noise = ConstantNoise(np.diag(np.repeat([settings.process_deviation, rate], 3)))
-    reading = settings.reading_deviation**2 * np.eye(6)
+    sigma = PartOfState(range(3), 6, settings.reading_deviation**2 * np.eye(3))
     prior, variance = np.zeros(6), np.full(6, settings.start_rate_deviation**2)
     if isinstance(settings, PfSettings):
         filtered = ParticleFilter(
             process,
             noise,
-            reading,
+            None,
             prior,
             variance,
             particles=settings.particles,
@@ -98,10 +98,11 @@ def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, 
             resampling=SCHEMES[settings.resampling],
             threshold=settings.threshold,
             space=Euclidean(),
+            measurement=sigma,
         )
         return Observer(filtered, ParticleDraws.of(name, seed, trials, plant.agents, settings.particles, 6))
     law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
-    unscented = UnscentedFilter(
-        process, noise.matrix @ noise.matrix.T, reading, prior, variance, Euclidean(), settings.alpha, settings.beta, settings.kappa
-    )
+    spread = settings.alpha, settings.beta, settings.kappa
+    covariance = noise.matrix @ noise.matrix.T
+    unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
     return Observer(AdaptiveUnscentedFilter(unscented, noise, law), None)
