@@ -14,10 +14,12 @@ from mujoco.batch import Batch
 from benchmarks.measure import cpu_seconds, interleave, one_core, ratio, wall_seconds
 from benchmarks.show import figure, table
 from sim.campaign.blocks import simulate_all
+from sim.loop.body_parts import BodyEffectors
 from sim.loop.build import build
-from sim.loop.one_body import System, run
+from sim.loop.closed_loop import System, run
 from sim.loop.recording import Recording
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 
 NAME = "nacs/wheel-failure"
 SIZES = {1: 500, 4: 300, 16: 150, 64: 100, 256: 40, 1024: 10, 4096: 5}  # trials: ticks
@@ -57,7 +59,8 @@ class Flight:
         batch.reset(keyframe=0)
         qpos, qvel, ctrl, force = (batch.bind(name) for name in ("qpos", "qvel", "ctrl", "qfrc_applied"))
         qpos[:], qvel[:] = channels["truth/qpos"][0], channels["truth/qvel"][0]
-        applied, push, steps = channels["applied"], system.disturbance_B, round(system.dt / system.plant.step_s)
+        assert isinstance(system.effectors, BodyEffectors)
+        applied, push, steps = channels["applied"], system.effectors.disturbance_B, round(system.dt / system.plant.step_s)
 
         def step() -> None:
             for k in range(self.ticks):

@@ -13,12 +13,13 @@ import numpy as np
 from benchmarks.measure import cpu_seconds, interleave, one_core
 from benchmarks.show import figure, table
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
 from sim.metrics.results import write_summary, write_trials
 from sim.report.page import write_report
 from sim.rerun.sink import write_recording
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 
 NAME = "nacs/wheel-failure"
 ROUNDS = 5

@@ -22,10 +22,10 @@ from models.dynamics.planar_agent import PlanarAgent
 from models.dynamics.process import runge_kutta
 from models.plants.agents import AGENTS
 from models.plants.monolithic import MonolithicParameters
-from sim.cli.families import load
 from sim.estimators.consensus import Acted, learner
-from sim.estimators.formation import observer
+from sim.estimators.formation import agents_filter
 from sim.loop.consensus import NETWORK
+from sim.scenario.files import load
 
 Array = NDArray[np.floating]
 Steps = Callable[[], object]
@@ -74,15 +74,15 @@ def particle(random: np.random.Generator, particles: int) -> tuple[Steps, Steps,
 def formation(name: str, random: np.random.Generator) -> Steps:
     """A filter of six spacecraft in formation, six states each."""
     scenario: Any = load("formation/fault-free", {})
-    filter_ = observer(name, scenario.observers[name], scenario.plant, 1, np.arange(TRIALS))
+    filter_ = agents_filter(name, scenario.observers[name], scenario.plant, 1, np.arange(TRIALS))
     readings = scenario.starts + 1e-4 * random.standard_normal((STEPS, TRIALS, AGENTS, 3))
     torque = np.zeros((TRIALS, AGENTS, 3))
-    start = filter_.step(None, torque, readings[0], TICK_S)
+    start = filter_.initial(readings[0])
 
     def go() -> None:
         watched = start
         for reading in readings:
-            watched = filter_.step(watched.belief, torque, reading, TICK_S)
+            watched = filter_.step(watched, torque, reading, TICK_S)
 
     return go
 
@@ -90,10 +90,10 @@ def formation(name: str, random: np.random.Generator) -> Steps:
 def consensus(name: str, random: np.random.Generator) -> Steps:
     """A learner of six agents in the plane: four states and twenty-six weights each."""
     scenario: Any = load("consensus/fault-free", {})
-    learning = learner(name, scenario.loops[name], scenario, PlanarAgent(NETWORK, 1.0), np.arange(TRIALS))
+    learning = learner(name, scenario.loops[name], scenario.tuning, PlanarAgent(NETWORK, 1.0), 1, np.arange(TRIALS))
     readings = random.uniform(-1.0, 1.0, (TRIALS, AGENTS, 4)) + 1e-4 * random.standard_normal((STEPS, TRIALS, AGENTS, 4))
     acted = Acted(np.zeros((TRIALS, AGENTS, 2)), np.zeros((TRIALS, AGENTS, 2)))
-    start = learning.start(readings[0])
+    start = learning.initial(readings[0])
 
     def go() -> None:
         learned = start

@@ -21,9 +21,9 @@ from models.attitude import quaternion
 from models.plants.assembly import Assembly
 from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.plant.batch import Plant
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 Array = NDArray[np.floating]
 

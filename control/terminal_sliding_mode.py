@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from control.communication_graph import CommunicationGraph
+from control.communication_graph import lumped_error
 
 Array = NDArray[np.floating]
 
@@ -21,6 +20,19 @@ class Lumped(NamedTuple):
 
     position: Array  # (..., agents, axes) m
     velocity: Array  # (..., agents, axes) m/s
+
+
+def lumped(own: Array, heard: Array, listening: Array) -> Lumped:
+    """Eq. 5.21, 5.22: sum_j a_ij (x_i - x_j) + b_i (x_i - x_d), and the same of velocities.
+
+    Args:
+      own: [x, v] of each agent, (..., agents, 2 axes).
+      heard: the same of leader and agents as each agent has them, (..., agents or 1, 1 + agents, 2 axes).
+      listening: weights, (..., agents, 1 + agents).
+    """
+    error = lumped_error(own, heard, listening)
+    axes = own.shape[-1] // 2
+    return Lumped(error[..., :axes], error[..., axes:])
 
 
 class Sliding(NamedTuple):
@@ -39,7 +51,6 @@ class TerminalSlidingMode:
     The leader's acceleration is not known to the agents, and the law has no term for it: it leaves an error even with exact dynamics.
 
     Attributes:
-      graph: who sees whom.
       proportional: K1, 1/s.
       terminal: K2.
       slope: L1, 1/s.
@@ -49,7 +60,6 @@ class TerminalSlidingMode:
       width: eps, of the layer in which h is smooth.
     """
 
-    graph: CommunicationGraph
     proportional: float = 4.0
     terminal: float = 2.0
     slope: float = 1.0
@@ -63,26 +73,15 @@ class TerminalSlidingMode:
             settings = f"exponent = {self.exponent:g}, width = {self.width:g}, bound = {self.bound:g}"
             raise ValueError(f"{settings}: need 0 < exponent <= 1, width > 0, bound >= 0")
 
-    @cached_property
-    def _seen(self) -> Array:
-        """Laplacian of the graph with the leader in it, (agents, agents)."""
-        return np.diag(self.graph.listening.sum(axis=-1)) - self.graph.weights
-
-    def lumped(self, error: Array, error_rate: Array) -> Lumped:
-        """Eq. 5.21, 5.22: sum_j a_ij (x_i - x_j) + b_i (x_i - x_d), from the errors against the leader, (..., agents, axes) each."""
-        return Lumped(self._seen @ error, self._seen @ error_rate)
-
-    def step(self, error: Array, error_rate: Array, learned: Array) -> Sliding:
+    def step(self, seen: Lumped, learned: Array) -> Sliding:
         """Force of every agent.
 
         Args:
-          error: position minus the leader's, (..., agents, axes) m.
-          error_rate: velocity minus the leader's, (..., agents, axes) m/s.
+          seen: errors relative to neighbours and leader.
           learned: W phi, what an agent believes of its own dynamics, (..., agents, axes) N.
         """
-        seen = self.lumped(error, error_rate)
         surface = seen.velocity + self.slope * seen.position + self.terminal_slope * signed_power(seen.position, self.exponent)
-        robust = self.bound * np.tanh(error.shape[-1] * K_U * self.bound * surface / self.width)
+        robust = self.bound * np.tanh(learned.shape[-1] * K_U * self.bound * surface / self.width)
         reach = self.proportional * surface + self.terminal * signed_power(surface, self.exponent)
         return Sliding(-learned - reach - robust, surface, robust)
 

@@ -62,6 +62,10 @@ class Blocks:
         self._next += 1
         return self._drawn[self._next - 1]
 
+    def rewind(self) -> None:
+        """Give the last tick's numbers again."""
+        self._next -= 1
+
 
 @dataclass(eq=False)
 class ParticleDraws:
@@ -78,6 +82,11 @@ class ParticleDraws:
             Blocks(seed, trials, first, (agents, particles, size), block=20),
             Blocks(seed, trials, first + 1, (agents, 1), uniform=True),
         )
+
+    def rewind(self) -> None:
+        """Give the last tick's numbers again."""
+        self.normals.rewind()
+        self.uniforms.rewind()
 
     def tick(self) -> Draws:
         """Of the next tick; leading axes (trials, agents)."""

@@ -10,11 +10,12 @@ from control.antenna_pointing import AXES
 from control.falsification import energy, values
 from models.attitude import quaternion
 from models.plants.flexible_parameters import FlexibleParameters
-from sim.campaign.blocks import Shard, simulate
+from sim.campaign.blocks import simulate
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.closed_loop_identification import Bounds, IdentificationSettings, Response, multisine
-from sim.scenario.one_body import load
+from sim.metrics.trial_block import TrialBlock
+from sim.scenario.files import load
 
 CHANNELS = ("azimuth", "elevation")
 Array = NDArray[np.floating]
@@ -22,12 +23,12 @@ LAMBDA = 1.0
 
 
 @pytest.fixture(scope="module")
-def mapped() -> Shard:
+def mapped() -> TrialBlock:
     return simulate(load("antenna-mapping/boeing702", {"run.seed": 50505}), np.arange(2), np.arange(2))
 
 
 @pytest.fixture(scope="module")
-def found(mapped: Shard) -> dict[tuple[str, str, str], Array]:
+def found(mapped: TrialBlock) -> dict[tuple[str, str, str], Array]:
     return {m[:3]: m.values for m in mapped.metrics}
 
 

@@ -27,7 +27,8 @@ from sim.report.antenna import write_report
 from sim.rerun.antenna import outlook
 from sim.rerun.loops import write_loops
 from sim.rerun.loops_scene import stage
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 from sim.series.antenna import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna
 from sim.tables import antenna as antenna_tables
 

@@ -13,15 +13,14 @@ import pytest
 
 from models.plants.inertia import why_impossible
 from sim.bad_input import BadInput
-from sim.campaign import shard as campaign_shard
 from sim.campaign import store as campaign_store
 from sim.campaign.draws import draw
 from sim.campaign.file import CAMPAIGNS, load
 from sim.campaign.shard import FIXED_POINT, Job, fly
 from sim.campaign.summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
 from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.plant.batch import SimulationFailed
+from sim.loop.closed_loop import run
+from sim.plant.batch import Plant, SimulationFailed
 from sim.rerun.campaign import quantiles
 
 TEXT = """
@@ -122,14 +121,14 @@ def test_a_failed_trial_is_a_row_with_its_reason_and_harms_no_other(file: Path, 
     campaign = load(file)
     job = Job(campaign.model_dump_json(), campaign.at(0).model_dump_json(exclude_none=True), 0, 0, 4)
     sound = fly(job).metrics.to_pylist()
-    original = campaign_shard.run
+    original = Plant.advance
 
-    def fails(system: object) -> object:
-        if 2 in system.trials:
+    def fails(self: Plant, wheel_torque: object, torque_B: object, steps: int) -> None:
+        original(self, wheel_torque, torque_B, steps)
+        if self.trials == 4:
             raise SimulationFailed(2, 1.0, "on purpose")
-        return original(system)
 
-    monkeypatch.setattr(campaign_shard, "run", fails)
+    monkeypatch.setattr(Plant, "advance", fails)
     found = fly(job).metrics.to_pylist()
     [row] = [r for r in found if r["reason"]]
     assert (row["trial"], row["metric"], row["value"]) == (2, "failed", 1.0)

@@ -11,14 +11,16 @@ import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
 
+from sim.campaign.blocks import simulate
 from sim.campaign.draws import picked
 from sim.campaign.file import CAMPAIGNS
 from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import fly
 from sim.cli.campaign import _jobs
-from sim.cli.families import check, dumped, load, of
-from sim.plant.batch import SimulationFailed
+from sim.loop.lost_trials import LostTrial
+from sim.metrics.trial_block import TrialBlock
 from sim.report.campaign.sweep import abscissa
+from sim.scenario.files import check, dumped, load
 
 SHORT = """
 [override]
@@ -110,15 +112,14 @@ def test_what_is_dispersed_is_drawn_for_each_trial(nacs, tmp_path):
 
 def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
     campaign = load_campaign(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
-    family = type(of(campaign.at(0)))
-    flown = family.simulate
 
-    def failing(self, scenario, trials, recorded, on_tick):
-        if 1 in trials:
-            raise SimulationFailed(1, 0.1, "it broke")
-        return flown(self, scenario, trials, recorded, on_tick)
+    def failing(scenario, trials, recorded):
+        whole = simulate(scenario, trials, recorded)
+        alive = whole.trials[whole.trials != 1]
+        metrics = [metric.of(whole.trials, alive) for metric in whole.metrics]
+        return TrialBlock(alive, metrics, {}, (LostTrial(1, 10, 0.1, "it broke"),))
 
-    monkeypatch.setattr(family, "simulate", failing)
+    monkeypatch.setattr("sim.campaign.shard.simulate", failing)
     job = _jobs(campaign, [json.dumps(dumped(campaign.at(0)))])[0]
     rows = fly(job).metrics.to_pylist()
     failed = {row["trial"]: (row["value"], row["reason"]) for row in rows if row["metric"] == "failed"}

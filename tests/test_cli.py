@@ -8,13 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from estimation import extended_kalman
-from estimation.gaussian import LostDefiniteness
-from sim.campaign import blocks as shards
-from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.plant.batch import Plant, SimulationFailed
-from sim.scenario.one_body import load
+from sim.campaign import blocks
+from sim.plant.batch import Plant
 
 QUICK = ("--set", "run.ticks=30", "--set", "faults=[]")
 
@@ -79,15 +74,15 @@ def test_an_unstable_simulation_says_trial_and_time_and_keeps_what_was_recorded(
 
 
 def test_an_interrupt_keeps_the_shards_that_were_finished(nacs, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(shards, "TRIALS_PER_SHARD", 2)
-    simulate = shards.simulate
+    monkeypatch.setattr(blocks, "TRIALS_PER_BLOCK", 2)
+    simulate = blocks.simulate
 
     def interrupted(scenario, trials, *rest):
         if trials[0] >= 2:
             raise KeyboardInterrupt
         return simulate(scenario, trials, *rest)
 
-    monkeypatch.setattr(shards, "simulate", interrupted)
+    monkeypatch.setattr(blocks, "simulate", interrupted)
     result = nacs("run", "nacs/disturbance", *QUICK, "--trials", 6, "--out", "it")
     assert result.code == 130
     assert "2 of 6 trials" in result.err
@@ -98,19 +93,9 @@ def test_an_interrupt_before_a_shard_is_finished_writes_nothing(nacs, tmp_path, 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(shards, "simulate", interrupted)
+    monkeypatch.setattr(blocks, "simulate", interrupted)
     assert nacs("run", "nacs/disturbance", *QUICK).code == 130
     assert not list(tmp_path.iterdir())
-
-
-def test_a_filter_that_breaks_down_is_named(monkeypatch) -> None:
-    def lost(*_: object) -> None:
-        raise LostDefiniteness((0, 2))
-
-    system = build(load("nacs/fault-free", {"run.ticks": 5}), np.array([4, 5, 6]))
-    monkeypatch.setattr(extended_kalman, "innovate", lost)
-    with pytest.raises(SimulationFailed, match=r"trial 6 failed at t = 0.100 s: ekf: its innovation covariance lost definiteness"):
-        run(system)
 
 
 def test_missing_readings_are_counted(nacs, tmp_path) -> None:

@@ -1,7 +1,6 @@
 """Consensus tracking: the physics against an integrator, the loop against itself in other company, and the chapter's claims in short."""
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,14 +16,21 @@ from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AgentsParameters, compile_agents
-from sim.cli.consensus import FAMILY
-from sim.loop.consensus import fly, unknown_force
+from sim.campaign.blocks import simulate
+from sim.loop.build import build
+from sim.loop.closed_loop import run
+from sim.loop.consensus import unknown_force
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.metrics.results import rows
 from sim.plant.planar_agents import AgentsPlant
+from sim.report.register import write_report
+from sim.rerun.register import write_recording
+from sim.scenario.catalogue import SCENARIOS
+from sim.scenario.consensus import ConsensusScenario
 from sim.series.consensus import happenings
+from sim.tables.register import tables_of
 
-FOLDER = Path(__file__).resolve().parents[1] / "sim" / "scenarios" / "consensus"
+FOLDER = SCENARIOS / "consensus"
 NAMES = ("fault-free", "dynamics", "disturbance", "command-fault")
 
 
@@ -32,12 +38,12 @@ def scenario(name: str, ticks: int = 2000, only: tuple[str, ...] = (), **changes
     data = tomllib.loads((FOLDER / f"{name}.toml").read_text())
     data["run"] |= {"ticks": ticks}
     data["loops"] = {k: v for k, v in data["loops"].items() if not only or k in only}
-    return FAMILY.settings.model_validate(data | changes)
+    return ConsensusScenario.model_validate(data | changes)
 
 
 def flown(name: str, loop: str, ticks: int = 2000, trials: int = 1, **changes):
     settings = scenario(name, ticks, (loop,), **changes)
-    return fly(loop, settings.loops[loop], settings, np.arange(trials) + 70)
+    return run(build(settings, np.arange(trials) + 70, loop=loop))
 
 
 def between(values, start: float, end: float):
@@ -61,7 +67,7 @@ def test_the_motion_is_that_of_an_integrator(step_s, most):
     plant = AgentsPlant(compile_agents(AgentsParameters(step_s=step_s)), 1.0, 2)
     start = plant.motion()
     np.testing.assert_array_equal(start[1], AgentsParameters().start)
-    plant.slide(force, round(2.0 / step_s))
+    plant.advance(np.zeros((1, 0)), force, round(2.0 / step_s))
     expected = solve_ivp(slope, (0.0, 2.0), start[0].ravel(), rtol=1e-11, atol=1e-12).y[:, -1].reshape(6, 4)
     assert np.abs(plant.motion() - expected).max() < most
 
@@ -83,9 +89,11 @@ def test_faults_change_what_moves_the_agents():
 @pytest.mark.parametrize(("ticks", "companies"), [(15, (np.array([4, 5, 6]), np.arange(10))), (4, (np.arange(64),))])
 def test_a_trial_is_the_same_to_the_bit_in_any_company(ticks, companies):
     settings = scenario("command-fault", ticks, faults=[{"kind": "command", "start_s": 0.01, "end_s": 0.1 if ticks > 10 else 0.03}])
-    alone, kept = FAMILY.simulate(settings, np.array([5]), np.array([5]))
+    block = simulate(settings, np.array([5]), np.array([5]))
+    alone, kept = block.metrics, block.recordings
     for trials in companies:
-        together, other = FAMILY.simulate(settings, trials, np.array([5]))
+        block = simulate(settings, trials, np.array([5]))
+        together, other = block.metrics, block.recordings
         place = int(np.flatnonzero(trials == 5)[0])
         for one, many in zip(alone, together, strict=True):
             np.testing.assert_array_equal(one.values[0], many.values[place], err_msg=f"{one.subject} {one.metric}")
@@ -97,11 +105,12 @@ def test_a_trial_is_the_same_to_the_bit_in_any_company(ticks, companies):
 def test_a_trial_that_is_lost_drifts_away_and_fails_nothing():
     wild = {"type": "marginalised", "sampled": "weights", "proposal": "prior", "particles": 10, "first_weight_std": 3.0}
     settings = scenario("fault-free", 600, loops={"wild": wild})
-    metrics, kept = FAMILY.simulate(settings, np.arange(2), np.arange(2))
+    block = simulate(settings, np.arange(2), np.arange(2))
+    metrics, kept = block.metrics, block.recordings
     lost = next(m for m in metrics if m.metric == "lost_s").values
     assert np.isfinite(lost).all()
     for trial, since in enumerate(np.round(lost / 0.01).astype(int)):
-        truth, learned = (kept["wild"].channels[key][:, trial] for key in ("truth", "learned"))
+        truth, learned = (kept["wild"].channels[key][:, trial] for key in ("truth/state", "learned"))
         assert np.isnan(learned[since:]).all()
         assert np.isfinite(learned[:since]).all()
         np.testing.assert_array_equal(truth[since + 1 :, :, 2:], np.broadcast_to(truth[-1, :, 2:], truth[since + 1 :, :, 2:].shape))
@@ -200,11 +209,12 @@ def test_what_cannot_be_flown_is_refused(change, said):
 
 def test_pictures_and_tables_are_written(tmp_path):
     settings = scenario("command-fault", 60, ("exact", "none", "aukf"), faults=[{"kind": "command", "start_s": 0.1, "end_s": 0.2}])
-    metrics, kept = FAMILY.simulate(settings, np.arange(2), np.arange(2))
-    tables = FAMILY.tables(rows(metrics), settings, 2)
+    block = simulate(settings, np.arange(2), np.arange(2))
+    metrics, kept = block.metrics, block.recordings
+    tables = tables_of(rows(metrics), settings, 2, (), None)
     assert [table.row_count for table in tables] == [3, 3]
-    FAMILY.write_report(tmp_path / "report.png", "consensus/command-fault", settings, kept)
-    FAMILY.write_recording(tmp_path / "recording.rrd", "consensus/command-fault", settings, kept, settings.model_dump(mode="json"))
+    write_report(tmp_path / "report.png", "consensus/command-fault", settings, kept)
+    write_recording(tmp_path / "recording.rrd", "consensus/command-fault", settings, kept, settings.model_dump(mode="json"))
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("report.png", "recording.rrd"))
-    assert FAMILY.warnings(settings) == []
-    assert "mupf-b" in FAMILY.warnings(scenario("fault-free"))[0]
+    assert settings.warnings() == []
+    assert "mupf-b" in scenario("fault-free").warnings()[0]

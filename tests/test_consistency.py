@@ -8,8 +8,8 @@ from scipy.stats import chi2
 
 from estimation.consistency import average_bounds, average_test, normalized_squared, whiteness
 from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.scenario.one_body import load
+from sim.loop.closed_loop import run
+from sim.scenario.files import load
 
 TRIALS, DOF = 50, 10
 

@@ -30,7 +30,8 @@ from sim.crosscheck.open_loop import Change, Flight, fly, integrate, replay
 from sim.crosscheck.register import FAMILIES, choose_model, family_of
 from sim.crosscheck.study import CrossCheck, examine, metrics
 from sim.plant.batch import SimulationFailed, diagnose
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 
 QUICK = ("--trials", 1, "--set", "run.ticks=6", "--at", "0.5")
 DOCUMENT = Path(__file__).parents[1] / "docs" / "crosscheck.md"

@@ -26,7 +26,8 @@ from sim.crosscheck.kinds.monolithic import MONOLITHIC
 from sim.crosscheck.open_loop import Change, Flight, fly, replay
 from sim.crosscheck.register import FAMILIES, choose_loop, choose_model, family_of
 from sim.crosscheck.study import CrossCheck, examine, metrics
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 
 FLOAT = {"kind": "float", "wheel": 1, "start_s": 3.0, "duration_s": 3.0}
 SHORT = {  # scenario, what is changed, instants

@@ -6,11 +6,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from sim.campaign.blocks import cut, join, simulate
+from sim.campaign.blocks import cut, simulate
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
-from sim.scenario.one_body import load
+from sim.metrics.trial_block import join
+from sim.scenario.files import load
 
 SHORT = {"run.ticks": 120, "faults.0.start_s": 3.0, "faults.1.start_s": 7.0}
 NOISY = {"sensors.jitter_s": 0.02, "sensors.latency_s": 0.05, "sensors.dropout_probability": 0.05}

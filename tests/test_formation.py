@@ -17,17 +17,22 @@ from models.dynamics.process import runge_kutta
 from models.plants.assembly import ImpossibleInertia
 from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, compile_formation, prepare_formation
 from models.plants.inertia import tensor, why_impossible
-from sim.cli.formation import FAMILY
-from sim.estimators.formation import observer
+from sim.campaign.blocks import simulate
+from sim.estimators.formation import agents_filter
 from sim.faults.formation import schedule
 from sim.formation_randomness import Blocks
-from sim.loop.formation import apart_squared, fly, formation_angle, push
+from sim.loop.build import build
+from sim.loop.closed_loop import run
+from sim.loop.formation import apart_squared, formation_angle, push
 from sim.metrics.formation import settling_time
 from sim.metrics.results import rows
 from sim.network.messages import Network
 from sim.plant.formation import FormationPlant
+from sim.report.register import write_report
+from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.formation import STARTS, FormationScenario, GraphSettings
+from sim.tables.register import tables_of
 
 FILES = sorted((SCENARIOS / "formation").glob("*.toml"))
 TRUTH = {"truth": {"feedback": "truth"}}
@@ -50,7 +55,7 @@ def scenario(ticks=100, trials=1, inertia="physical", **more) -> FormationScenar
 
 
 def flown(described, loop="truth", trials=1, recorded=1):
-    return fly(described, loop, compile_formation(described.plant), np.arange(trials), np.arange(recorded))
+    return run(build(described, np.arange(trials), loop=loop), recorded=np.arange(recorded))
 
 
 # the plant ------------------------------------------------------------------------------------------------------------------
@@ -239,10 +244,9 @@ def test_a_trial_is_the_same_to_the_bit_in_any_company():
     loops = {"aukf": {"feedback": "aukf", "watching": ["pf", "poor"]}}
     lossy = [{"kind": "message-loss", "start_s": 0.0, "end_s": 1.0, "probability": 0.3}]
     described = scenario(ticks=40, trials=10, observers=OBSERVERS, loops=loops, faults=lossy)
-    assembly = compile_formation(described.plant)
-    together = fly(described, "aukf", assembly, np.arange(10), np.array([7]))
+    together = run(build(described, np.arange(10), loop="aukf"), recorded=np.array([7]))
     for trials in (np.array([7]), np.array([2, 7, 9])):
-        alone = fly(described, "aukf", assembly, trials, np.array([7]))
+        alone = run(build(described, trials, loop="aukf"), recorded=np.array([7]))
         place = int(np.flatnonzero(trials == 7)[0])
         for name, values in alone.figures.items():
             np.testing.assert_array_equal(values[:, place], together.figures[name][:, 7], err_msg=name)
@@ -253,7 +257,7 @@ def test_a_trial_is_the_same_to_the_bit_in_any_company():
 def test_rates_are_found_from_attitudes_alone_and_no_torque_exceeds_its_limit():
     described = scenario(ticks=400, observers=OBSERVERS, loops={"aukf": {"feedback": "aukf", "watching": ["pf"]}})
     found = flown(described, "aukf")
-    speed = np.sqrt(np.mean(found.channels["state"][200:, 0, :, 3:] ** 2) * 3)
+    speed = np.sqrt(np.mean(found.channels["truth/state"][200:, 0, :, 3:] ** 2) * 3)
     for name, share in (("aukf", 0.3), ("pf", 0.5)):
         assert np.sqrt(np.mean(found.figures[f"{name}/velocity_squared"][200:])) < share * speed
     assert found.figures["peak_torque"].max() == 0.1
@@ -268,7 +272,7 @@ def test_faults_of_commands_and_readings_happen_to_whom_they_should():
     channels = flown(scenario(ticks=40, faults=faults)).channels
     given = (channels["applied"][:, 0] == [0.01, 0.02, 0.03]).all(axis=-1)
     assert np.argwhere(given).tolist() == [[k, agent] for k in range(10, 20) for agent in (0, 2)]
-    bias = channels["reading"][:, 0] - channels["state"][:, 0, :, :3]
+    bias = channels["reading"][:, 0] - channels["truth/state"][:, 0, :, :3]
     np.testing.assert_allclose(bias[20:30], 0.4, atol=1e-12)
     assert 0.0 < np.abs(bias[30:]).max() < 1e-3
     assert np.abs(channels["applied"][5, 0, 1]).max() < 0.01 < np.abs(channels["applied"][15, 0, 1]).max()
@@ -276,12 +280,12 @@ def test_faults_of_commands_and_readings_happen_to_whom_they_should():
 
 def test_a_lost_filter_begins_anew_and_is_counted():
     described = scenario(observers=OBSERVERS)
-    watching = observer("aukf", described.observers["aukf"], described.plant, 5, np.arange(2))
+    watching = agents_filter("aukf", described.observers["aukf"], described.plant, 5, np.arange(2))
     reading = np.broadcast_to(described.starts, (2, 6, 3))
-    first = watching.step(None, np.zeros((2, 6, 3)), reading, 0.01)
+    first = watching.initial(reading)
     far = first.belief.mean.copy()
     far[1, 4, 3:] = 1e6
-    after = watching.step(first.belief._replace(mean=far), np.zeros((2, 6, 3)), reading, 0.01)
+    after = watching.step(first._replace(belief=first.belief._replace(mean=far)), np.zeros((2, 6, 3)), reading, 0.01)
     assert np.argwhere(after.lost).tolist() == [[1, 4]]
     np.testing.assert_array_equal(after.belief.mean[1, 4], [*reading[1, 4], 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(after.belief.mean[1, :4], after.belief.mean[0, :4])
@@ -290,7 +294,7 @@ def test_a_lost_filter_begins_anew_and_is_counted():
 
 def test_in_the_shorter_set_nobody_goes_the_long_way():
     described = scenario(ticks=300, loops=TRUTH | {"short": {"feedback": "truth", "shadow": True}})
-    long, short = (flown(described, name).channels["state"][..., :3] for name in ("truth", "short"))
+    long, short = (flown(described, name).channels["truth/state"][..., :3] for name in ("truth", "short"))
     assert np.linalg.norm(long[0], axis=-1).max() == pytest.approx(3.0)
     assert np.linalg.norm(short[0], axis=-1).max() <= 1.0
     same = modified_rodrigues.shorter(long[0]) - short[0]
@@ -301,7 +305,7 @@ def test_sixty_agents_fly_by_the_file_alone():
     described = FormationScenario.model_validate(tomllib.loads((SCENARIOS / "formation" / "sixty.toml").read_text()))
     described = described.model_copy(update={"run": described.run.model_copy(update={"ticks": 20})})
     found = flown(described, "aukf")
-    assert found.channels["state"].shape == (20, 1, 60, 6)
+    assert found.channels["truth/state"].shape == (20, 1, 60, 6)
     assert np.isfinite(found.figures["fkae"]).all()
 
 
@@ -330,7 +334,7 @@ def test_every_scenario_is_valid_and_names_its_source(path: Path):
     described = FormationScenario.model_validate(tomllib.loads(path.read_text()))
     assert described.source
     assert described.plant.agents == len(described.starts)
-    FAMILY.warnings(described)
+    described.warnings()
 
 
 @pytest.mark.parametrize(
@@ -366,12 +370,13 @@ def test_a_run_is_told_drawn_and_recorded(tmp_path):
     lossy = [{"kind": "message-loss", "start_s": 0.1, "end_s": 0.3, "probability": 0.5}]
     described = scenario(ticks=60, trials=2, observers=OBSERVERS, loops=loops, faults=lossy, phases={"lossy": [0.1, 0.3]})
     ticks = []
-    metrics, found = FAMILY.simulate(described, np.arange(2), np.array([1]), ticks.append)
+    block = simulate(described, np.arange(2), np.array([1]), on_tick=lambda *tick: ticks.append(tick))
+    metrics, found = block.metrics, block.recordings
     assert len(ticks) == 120
     assert {m.subject for m in metrics} == {"truth", "aukf"}
     assert all(m.values.shape == (2,) for m in metrics)
-    assert len(FAMILY.tables(rows(metrics), described, 2)) == 2
-    FAMILY.write_report(tmp_path / "report.png", "formation/t", described, found)
-    FAMILY.write_recording(tmp_path / "recording.rrd", "formation/t", described, found, {"a": 1})
+    assert len(tables_of(rows(metrics), described, 2, (), None)) == 2
+    write_report(tmp_path / "report.png", "formation/t", described, found)
+    write_recording(tmp_path / "recording.rrd", "formation/t", described, found, {"a": 1})
     assert (tmp_path / "report.png").stat().st_size > 50_000
     assert (tmp_path / "recording.rrd").stat().st_size > 20_000

@@ -15,17 +15,21 @@ from models.plants.formation_nacs import FormationNacsParameters, compile_testbe
 from models.plants.inertia import point_mass
 from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
 from sim.bad_input import BadInput
-from sim.cli import families
-from sim.cli.formation import FAMILY
+from sim.campaign.blocks import simulate
 from sim.controllers.drives import Drives
 from sim.faults.formation import schedule
-from sim.loop.formation import fly
+from sim.loop.build import build
+from sim.loop.closed_loop import run
 from sim.metrics.results import rows
 from sim.plant.batch import Plant, Truth
-from sim.plant.formation import FormationPlant, compile_agents, formation_plant
+from sim.plant.formation import FormationPlant, formation_plant
+from sim.report.register import write_report
+from sim.rerun.register import write_recording
+from sim.scenario import files
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.formation import FormationScenario
 from sim.sensors.sensors import SENSOR_SETS
+from sim.tables.register import tables_of
 
 FILE = SCENARIOS / "formation" / "nacs.toml"
 TRUTH = {"truth": {"feedback": "truth"}}
@@ -43,12 +47,12 @@ def scenario(ticks=100, trials=1, plant=None, **more) -> FormationScenario:
 
 
 def flown(described, loop="truth", trials=1, recorded=1, first=0):
-    return fly(described, loop, compile_agents(described.plant), np.arange(first, first + trials), np.arange(recorded))
+    return run(build(described, np.arange(first, first + trials), loop=loop), recorded=np.arange(recorded))
 
 
 def off(found):
     """|sigma_i - sigma_0| of the first recorded trial, (ticks, agents)."""
-    return np.linalg.norm(found.channels["state"][:, 0, :, :3] - found.leader[:, None, :3], axis=-1)
+    return np.linalg.norm(found.channels["truth/state"][:, 0, :, :3] - found.channels["reference/leader"][:, None, :3], axis=-1)
 
 
 # the world ------------------------------------------------------------------------------------------------------------------
@@ -239,9 +243,9 @@ def test_the_law_is_told_what_the_wheels_hold():
     described, k = scenario(ticks=150), 120
     found, graph = flown(described), described.communication()
     state, p, asked = (found.channels[name][k, 0] for name in ("state", "acceleration", "applied"))
-    said = np.concatenate([found.leader[None, k, :6], state])[None]
+    said = np.concatenate([found.channels["reference/leader"][None, k, :6], state])[None]
     axes, inertia = NacsParameters().wheel_axes, NacsParameters().wheel_inertia_kg_m2
-    stored = inertia * (axes @ found.channels["wheel_speed"][k, 0][..., None])[..., 0]
+    stored = inertia * (axes @ found.channels["truth/wheel_speed"][k, 0][..., None])[..., 0]
     law = FormationLaw(described.plant.believed_inertia, limit=0.02)
     np.testing.assert_allclose(law.step(state, said, graph.listening, p, stored=stored), asked, rtol=0, atol=1e-15)
     assert np.abs(law.step(state, said, graph.listening, p) - asked).max() > 1e-4
@@ -262,10 +266,10 @@ def test_the_formation_converges_within_its_limits(loop):
     assert fkae[0] > 0.9
     assert fkae[800:].max() < 0.01
     assert skae[800:].max() < 0.01
-    torque, speed = found.channels["applied"], found.channels["wheel_speed"]
+    torque, speed = found.channels["applied"], found.channels["truth/wheel_speed"]
     assert np.abs(torque).max() == 0.02  # cut off in the beginning, and never beyond
     assert 100.0 < np.abs(speed).max() < NacsParameters().no_load_speed
-    tilt = 2.0 * np.degrees(np.arcsin(np.hypot(*np.moveaxis(found.channels["q_BN"], -1, 0)[:2])))
+    tilt = 2.0 * np.degrees(np.arcsin(np.hypot(*np.moveaxis(found.channels["truth/q_BN"], -1, 0)[:2])))
     assert tilt.max() < 25.0
 
 
@@ -273,13 +277,13 @@ def test_a_failed_wheel_disturbs_its_testbed_most_and_neighbours_hear_of_it():
     quick = [[0.0, 0.0, 0.1]] * 3 + [[0.0, 0.0, -0.1]] * 3
     fails = [{"kind": "wheel-failure", "agents": [3], "wheel": 2, "start_s": 0.3, "end_s": 6.0}]
     healthy, failing = (flown(scenario(ticks=600, faults=faults, start={"mrp": quick})) for faults in ([], fails))
-    np.testing.assert_array_equal(healthy.channels["state"][:30], failing.channels["state"][:30])
-    change = np.linalg.norm(healthy.channels["state"][..., :3] - failing.channels["state"][..., :3], axis=-1)[:, 0].max(axis=0)
+    np.testing.assert_array_equal(healthy.channels["truth/state"][:30], failing.channels["truth/state"][:30])
+    change = np.linalg.norm(healthy.channels["truth/state"][..., :3] - failing.channels["truth/state"][..., :3], axis=-1)[:, 0].max(axis=0)
     assert np.argmax(change) == 2
     assert change[2] > 1e-3
     assert change[[1, 3]].min() > 1e-4
     assert np.abs(failing.channels["wheel_torque"][30:, 0, 2, 1]).max() == 0.0
-    speed = np.abs(failing.channels["wheel_speed"][40:, 0, 2, 1])
+    speed = np.abs(failing.channels["truth/wheel_speed"][40:, 0, 2, 1])
     assert (np.diff(speed[speed > 1.0]) < 0.1).all()  # it coasts
 
 
@@ -321,9 +325,9 @@ def test_balance_masses_go_to_their_set_points():
 def test_two_testbeds_or_twelve_fly_by_the_file_alone():
     pair = {"inertia_scale": [1.0, 0.9], "centre_of_mass_um": [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]]}
     graph = {"links": [[1, 2, 0.5]], "leader": [[1, 0.5]]}
-    assert flown(scenario(ticks=5, plant=pair, graph=graph)).channels["wheel_speed"].shape == (5, 1, 2, 4)
+    assert flown(scenario(ticks=5, plant=pair, graph=graph)).channels["truth/wheel_speed"].shape == (5, 1, 2, 4)
     wide = {"links": [[i, i + 1, 0.5] for i in range(1, 12)], "leader": [[1, 0.5]]}
-    assert flown(scenario(ticks=3, plant={"repeat": 2}, graph=wide)).channels["state"].shape == (3, 1, 12, 6)
+    assert flown(scenario(ticks=3, plant={"repeat": 2}, graph=wide)).channels["truth/state"].shape == (3, 1, 12, 6)
 
 
 @pytest.mark.parametrize(
@@ -352,7 +356,7 @@ def test_two_testbeds_or_twelve_fly_by_the_file_alone():
 )
 def test_bad_files_give_one_clear_line(change, complaint):
     with pytest.raises(BadInput, match=complaint) as refused:
-        families.load("formation/nacs", change)
+        files.load("formation/nacs", change)
     assert "\n" not in str(refused.value)
 
 
@@ -373,14 +377,15 @@ def test_a_run_is_told_drawn_and_recorded(tmp_path):
     loops = TRUTH | AUKF
     fails = [{"kind": "wheel-failure", "agents": [2, 3], "wheel": 4, "remaining": 0.3, "start_s": 0.1, "end_s": 0.4}]
     described = scenario(ticks=60, trials=2, loops=loops, faults=fails, phases={"failing": [0.1, 0.4]})
-    metrics, found = FAMILY.simulate(described, np.arange(2), np.array([1]), None)
+    block = simulate(described, np.arange(2), np.array([1]))
+    metrics, found = block.metrics, block.recordings
     names = {m.metric for m in metrics}
     assert {"skae", "fkae", "settling_time_s", "peak_wheel_speed", "saturated_share"} <= names
     share = next(m for m in metrics if m.metric == "saturated_share" and m.phase == "all")
     assert 0.0 < share.values.min() <= share.values.max() < 1.0
-    assert len(FAMILY.tables(rows(metrics), described, 2)) == 2
-    FAMILY.write_report(tmp_path / "report.png", "formation/t", described, found)
-    FAMILY.write_recording(tmp_path / "recording.rrd", "formation/t", described, found, {"a": 1})
+    assert len(tables_of(rows(metrics), described, 2, (), None)) == 2
+    write_report(tmp_path / "report.png", "formation/t", described, found)
+    write_recording(tmp_path / "recording.rrd", "formation/t", described, found, {"a": 1})
     assert (tmp_path / "report.png").stat().st_size > 50_000
     assert (tmp_path / "recording.rrd").stat().st_size > 100_000
     assert found["truth"].occurrences[0].text == "wheel 4 of 2, 3 gives 30 %"

@@ -12,10 +12,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.scenario.one_body import load
-from sim.user_code.guests import Guests
+from sim.scenario.files import load
+from sim.user_code.user_code import UserCode
 
 DOCS = Path(__file__).parents[1] / "docs"
 FILTER = f"{DOCS / 'examples' / 'complementary_filter.py'}:ComplementaryFilter"
@@ -62,7 +62,7 @@ class OwnMEKF2:
 """
 
 
-def fly(guests: Guests, scenario: str = "nacs/disturbance", **more: object) -> Recording:
+def fly(guests: UserCode, scenario: str = "nacs/disturbance", **more: object) -> Recording:
     settings = {"run.ticks": 60, "faults": []} | more
     return run(build(load(scenario, settings, guests.names), np.arange(3), guests))
 
@@ -95,25 +95,25 @@ def test_a_guest_may_close_the_loop(nacs) -> None:
     one = ["run", *QUICK, "--observer", FILTER]
     result = nacs(*one, "--set", "control.feedback=complementary-filter", "--workers", 2)
     assert result.code == 0, result.err
-    guests = Guests((FILTER,))
+    guests = UserCode((FILTER,))
     own, other = (fly(guests, **{"control.feedback": who}) for who in ("complementary-filter", "ekf"))
     assert not np.array_equal(own.channels["truth/state"], other.channels["truth/state"])
 
 
 def test_a_controller_takes_the_place_of_the_scenarios() -> None:
-    own, builtin = fly(Guests(controller=LAW)), fly(Guests())
+    own, builtin = fly(UserCode(controller=LAW)), fly(UserCode())
     assert not np.array_equal(own.channels["torque_B"], builtin.channels["torque_B"])
 
 
 def test_watching_guests_change_nothing() -> None:
-    with_guest, without = fly(Guests((FILTER,))), fly(Guests())
+    with_guest, without = fly(UserCode((FILTER,))), fly(UserCode())
     for name, channel in without.channels.items():
         np.testing.assert_array_equal(channel, with_guest.channels[name], err_msg=name)
 
 
 def test_a_belief_with_everything_is_treated_as_a_built_in_one(nacs, tmp_path: Path) -> None:
     (tmp_path / "whole.py").write_text(WHOLE)
-    guests = Guests((f"{tmp_path / 'whole.py'}:OwnMEKF2",))
+    guests = UserCode((f"{tmp_path / 'whole.py'}:OwnMEKF2",))
     assert guests.names == ("own-mekf2",)
     recording = fly(guests, **{"sensors.dropout_probability": 0.1, "tuning": "consistent"})
     for part in ("mean", "sigma", "nees", "nis"):
@@ -250,4 +250,4 @@ def test_a_wrong_argument_is_one_line(nacs, tmp_path: Path, arguments: list[str]
 def test_what_lies_beside_the_file_can_be_imported(nacs, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("from beside_the_filter import Mine\n")
     (tmp_path / "beside_the_filter.py").write_text(GOOD)
-    assert Guests((f"{tmp_path / 'mine.py'}:Mine",)).names == ("mine",)
+    assert UserCode((f"{tmp_path / 'mine.py'}:Mine",)).names == ("mine",)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
+from sim.replay.filters_over_log import choose
 
 from control.disturbance_compensation import DisturbanceCompensation
 from control.proportional_derivative import ProportionalDerivative
@@ -24,12 +25,12 @@ from models.plants.nacs import NacsParameters, compile_nacs
 from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metrics.one_body import evaluate
 from sim.plant.batch import Plant
-from sim.replay.filters_over_log import choose
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 from sim.series.learned import learned_curves, learners
 from sim.series.loops import flights
 

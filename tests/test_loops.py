@@ -13,9 +13,9 @@ from models.attitude import quaternion
 from models.attitude.euler_angles import from_euler_313
 from sim.campaign.blocks import simulate
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 MODES = "[[],[{kind='float',wheel=1}]]"
 WRONG = [

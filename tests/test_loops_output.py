@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from models.attitude import quaternion
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metrics.one_body import evaluate
 from sim.plant.batch import diagnose
@@ -27,7 +27,8 @@ from sim.rerun import loops_scene as rerun_loops_scene
 from sim.rerun.loops import write_loops
 from sim.rerun.loops_scene import stage
 from sim.rerun.sink import write_recording
-from sim.scenario.one_body import Scenario, load
+from sim.scenario.files import load
+from sim.scenario.one_body import Scenario
 from sim.series.events import lanes
 from sim.series.line_styles import looks
 from sim.series.loops import flights, running_rms

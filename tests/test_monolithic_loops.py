@@ -10,13 +10,13 @@ from models.plants.inertia import tensor
 from models.plants.monolithic import MonolithicParameters
 from sim.estimators.particle_observer import DrawBlocks
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metrics.claims import gyroless
 from sim.metrics.one_body import Metric, evaluate
 from sim.metrics.results import Row, rows
 from sim.plant.batch import diagnose
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 TICK = 0.01
 FILTERS = ("aukf-printed", "aukf-matched", "pf-printed", "pf-matched", "mekf")

@@ -10,11 +10,11 @@ from sim import randomness
 from sim.draws import Draw, Number
 from sim.faults.timeline import schedule
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.plant.batch import Truth, diagnose
 from sim.randomness import Stream
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 from sim.scenario.references import Hold, Sinusoid
 from sim.sensors.sensors import SENSOR_SETS, SensorArrays, Sensors, SensorSettings, draw_noise
 

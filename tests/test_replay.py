@@ -10,15 +10,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 
 from estimation.consistency import average_test
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 from sim.replay.flight_log import STATES, export, read
-from sim.scenario.one_body import load
-from sim.user_code.guests import Guests
+from sim.scenario.files import load
+from sim.user_code.user_code import UserCode
 
 TRIALS = np.array([2, 5, 6])
 GAPS = {
@@ -63,7 +63,7 @@ def test_replay_gives_every_built_in_observer_to_the_bit(flown: Flown) -> None:
     assert np.isnan(flown.recording.channels["reading"]).any()
     assert flown.recording.channels["nis-fading/declared"].any()
     for name in flown.recording.observers:  # alone, where the loop stepped them as one
-        again = replay(log, scenario, choose(scenario, [name]), Guests()).recording
+        again = replay(log, scenario, choose(scenario, [name]), UserCode()).recording
         for part in PARTS:
             np.testing.assert_array_equal(again.channels[f"{name}/{part}"], flown.recording.channels[f"{name}/{part}"], f"{name}/{part}")
 
@@ -115,7 +115,7 @@ def test_trials_may_differ_in_length(tmp_path: Path, table: pa.Table, flown: Flo
     pq.write_table(pa.concat_tables([short, whole]), tmp_path / "both.parquet")
     blocks, about = read(tmp_path / "both.parquet")
     scenario = setting(about, "log", None, {"sensors.dropout_probability": 0.1})
-    two = [replay(block, scenario, choose(scenario, ["mekf"]), Guests()) for block in blocks]
+    two = [replay(block, scenario, choose(scenario, ["mekf"]), UserCode()) for block in blocks]
     first, second = sorted((one.recording for one in two), key=lambda r: r.ticks)
     np.testing.assert_array_equal(first.channels["mekf/mean"], second.channels["mekf/mean"][:90])
     found = pa.concat_tables([estimates(one) for one in two])
@@ -139,7 +139,7 @@ def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path
     scenario = load("nacs/fault-free", {"run.ticks": 200, "sensors.dropout_probability": 0.3})
     export(tmp_path / "log.parquet", run(build(scenario, np.arange(10))), scenario, "nacs/fault-free")
     (log,), _ = read(tmp_path / "log.parquet")
-    replayed = replay(log, scenario, choose(scenario, ["mekf", "ekf"]), Guests())
+    replayed = replay(log, scenario, choose(scenario, ["mekf", "ekf"]), UserCode())
     for name in ("mekf", "ekf"):
         assert judge(replayed, name).nis_inside > 0.85
         nis = replayed.recording.channels[f"{name}/nis"]

@@ -13,13 +13,14 @@ from rerun.chunk import RrdReader
 from models.attitude import quaternion
 from models.plants.assembly import Assembly
 from sim.loop.build import build
-from sim.loop.one_body import System, run
-from sim.loop.recording import Recorder, Recording
+from sim.loop.closed_loop import System, run
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
 from sim.plant.batch import diagnose
 from sim.rerun.live import LiveStream
 from sim.rerun.scene import GHOST_OFFSET
 from sim.rerun.sink import write_recording
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 TICKS = 60
 PUSH = {"kind": "external-torque", "torque_nm": 0.01, "start_s": 2.0, "duration_s": 1.0}
@@ -192,7 +193,7 @@ def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypa
         seen: list[int] = []
 
         def on_tick(tick: int, recorder: Recorder) -> None:
-            live.on_tick(tick, recorder)
+            live.on_tick("loop", tick, recorder)
             seen.append(tick)
 
         run(loop, on_tick)

@@ -3,37 +3,47 @@
 import numpy as np
 import pytest
 
-from control.communication_graph import CommunicationGraph, lumped_error
-from control.terminal_sliding_mode import TerminalSlidingMode, signed_power
+from control.communication_graph import CommunicationGraph
+from control.terminal_sliding_mode import Lumped, TerminalSlidingMode, lumped, signed_power
 from models.plants.agents import AgentsParameters, disturbance
 
 GRAPH = CommunicationGraph.of(6, ((1, 2, 0.7), (2, 3, 0.6), (3, 4, 0.7), (4, 5, 0.8), (5, 6, 0.9)), ((1, 0.8), (6, 0.9)))
-LAW = TerminalSlidingMode(GRAPH)
+LAW = TerminalSlidingMode()
+
+
+def seen(place, speed, leader):
+    """What agents see of each other over the ideal network."""
+    own = np.concatenate([place, speed], axis=-1)
+    heard = np.concatenate([np.broadcast_to(leader, (*own.shape[:-2], 1, 4)), own], axis=-2)
+    return lumped(own, heard[..., None, :, :], GRAPH.listening)
+
+
 RNG = np.random.default_rng(8)
 FIGURE = [(3.3, -6.8), (-12.8, -2.8), (7.9, 17.3), (-3.6, -10.8), (14.8, -24.9), (-15.1, 32.7)]
 
 
 def test_the_commands_at_the_start_are_those_of_the_figure():
     start = AgentsParameters().start
-    sliding = LAW.step(start[:, :2] - [0.5, 0.0], start[:, 2:] - [0.0, 0.5], np.zeros((6, 2)))
+    sliding = LAW.step(seen(start[:, :2], start[:, 2:], [0.5, 0.0, 0.0, 0.5]), np.zeros((6, 2)))
     np.testing.assert_allclose(sliding.force, FIGURE, rtol=0.01, atol=0.05)  # the figure is read to 0.1 N
 
 
 def test_lumped_errors_are_sums_over_neighbours_and_the_leader():
     place, leader = RNG.standard_normal((4, 6, 2)), RNG.standard_normal(2)
-    heard = np.concatenate([np.broadcast_to(leader, (4, 1, 2)), place], axis=-2)[:, None]
-    expected = lumped_error(place, heard, GRAPH.listening)
-    np.testing.assert_allclose(LAW.lumped(place - leader, place - leader).position, expected, atol=1e-12)
+    laplacian = np.diag(GRAPH.listening.sum(axis=-1)) - GRAPH.weights
+    found = seen(place, 2.0 * place, np.concatenate([leader, 2.0 * leader]))
+    np.testing.assert_allclose(found.position, laplacian @ (place - leader), atol=1e-12)
+    np.testing.assert_allclose(found.velocity, 2.0 * found.position, atol=1e-12)
 
 
 def test_on_the_leader_there_is_nothing_but_what_was_learned():
     learned = RNG.standard_normal((6, 2))
-    np.testing.assert_array_equal(LAW.step(np.zeros((6, 2)), np.zeros((6, 2)), learned).force, -learned)
+    np.testing.assert_array_equal(LAW.step(Lumped(np.zeros((6, 2)), np.zeros((6, 2))), learned).force, -learned)
 
 
 def test_every_axis_is_pushed_against_its_surface_by_more_than_the_bound():
     error, rate = RNG.standard_normal((2, 50, 6, 2))
-    sliding = LAW.step(error, rate, np.zeros((6, 2)))
+    sliding = LAW.step(seen(error, rate, np.zeros(4)), np.zeros((6, 2)))
     assert (sliding.force * np.sign(sliding.surface) < 0.0).all()
     far = np.abs(sliding.surface) > 0.2
     assert (np.abs(sliding.force)[far] > 1.0).all()
@@ -47,7 +57,7 @@ def test_signed_power():
 @pytest.mark.parametrize("wrong", [{"exponent": 0.0}, {"exponent": 1.2}, {"width": 0.0}, {"bound": -1.0}])
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ValueError, match=f"{next(iter(wrong))} = "):
-        TerminalSlidingMode(GRAPH, **wrong)
+        TerminalSlidingMode(**wrong)
 
 
 def test_disturbances_and_dynamics_by_hand():

@@ -10,11 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.cli import families
-from sim.loop import formation as formation_loop
-from sim.loop.agents_motion import FIRST, motion
+from sim.loop.build import build
+from sim.loop.closed_loop import run
+from sim.loop.motion import motion
 from sim.plant.batch import Plant
 from sim.plant.formation import compile_agents
+from sim.scenario import files
 
 ONE = ("--set", "run.ticks=4", "--set", "faults=[]")
 
@@ -98,20 +99,20 @@ def test_agents_are_simulated_then_shown(nacs, windows, name: str, loop: str, dt
     assert windows[0].model.ngeom > 6  # with what a person looks at
     assert not np.array_equal(shown[0][1], shown[-1][1])
     changes = {"run.ticks": 41, "run.trials": 1} | ({"phases": {}} if settings else {})
-    np.testing.assert_array_equal(shown[-1][1], motion(families.load(name, changes), loop).qpos[40])
+    np.testing.assert_array_equal(shown[-1][1], motion(files.load(name, changes), loop).qpos[40])
 
 
 def test_free_agents_are_where_and_as_their_plant_has_them() -> None:
-    scenario = families.load("formation/fault-free", {"run.ticks": 3, "phases": {}})
+    scenario = files.load("formation/fault-free", {"run.ticks": 3, "phases": {}})
     moved = motion(scenario, "truth")
-    flown = formation_loop.fly(scenario, "truth", compile_agents(scenario.plant), FIRST, FIRST)
+    flown = run(build(scenario, np.arange(1), loop="truth"))
     data = mujoco.MjData(moved.scene)
     data.qpos[:] = moved.qpos[2]
     mujoco.mj_forward(moved.scene, data)
     bodies = [int(moved.scene.joint(name).bodyid[0]) for name in compile_agents(scenario.plant).attitude_joints]
-    np.testing.assert_allclose(data.xpos[bodies], flown.places, atol=1e-12)
+    np.testing.assert_allclose(data.xpos[bodies], scenario.plant.places, atol=1e-12)
     turned = data.xquat[bodies][:, [1, 2, 3, 0]]
-    np.testing.assert_allclose(np.abs(np.sum(turned * flown.channels["q_BN"][2, 0], axis=-1)), 1.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(np.sum(turned * flown.channels["truth/q_BN"][2, 0], axis=-1)), 1.0, atol=1e-12)
 
 
 def test_closing_the_window_ends_it(nacs, windows, monkeypatch) -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.campaign.blocks import simulate
-from sim.scenario.one_body import load
+from sim.scenario.files import load
 
 LOOPS = ("pd-ukf", "pd-imm", "smc-ukf", "smc-imm", "pd-imm-realloc", "smc-imm-realloc")
 Values = dict[tuple[str, str, str], NDArray[np.floating]]

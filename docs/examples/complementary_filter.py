@@ -1,34 +1,41 @@
-"""A complementary filter: the model predicts, a fixed share of each sensor's surprise corrects."""
+"""A complementary filter: the model predicts, a fixed share of each sensor's surprise corrects. It flies on every kind of plant."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from estimation.state_space import Multiplicative
 from models.dynamics.process import runge_kutta
 
-SPACE = Multiplicative()  # differences of states, the attitude's as a rotation vector
+GAINS = {"attitude": 0.4, "rate": 0.7, "wheels": 0.3, "position": 0.4, "velocity": 0.7}
+RATES = {"rate": "attitude", "velocity": "position"}  # what a rate that is not read is corrected by
 
 
 class Belief(NamedTuple):
     """What the loop asks for, and whatever the filter wants to remember."""
 
-    mean: np.ndarray  # (trials, 11): q_BN, omega_BN_B rad/s, wheel speeds rad/s
+    mean: np.ndarray  # (trials, [agents,] n): q_BN, omega_BN_B rad/s, wheel speeds rad/s, or what else `setting.layout` says
 
 
 class ComplementaryFilter:
-    """Shares of the surprise in attitude, rate and wheel speed that are believed."""
+    """Shares of the surprise in each block of the state that are believed."""
 
     def __init__(self, setting):
-        self.process = setting.process_with_drag
-        self.gain = np.repeat([0.4, 0.7, 0.3], [3, 3, setting.wheels])
+        self.process, self.space, self.places = setting.process_with_drag, setting.space, setting.layout.error_places
+        self.gain = setting.layout.repeated(GAINS)
+        self.rest = np.eye(setting.layout.size)[3] if setting.layout.size != setting.layout.errors else np.zeros(setting.layout.size)
 
     def initial(self, measurement):
         """Start from the first reading, at rest where it is missing."""
-        return Belief(np.where(np.isnan(measurement), np.eye(measurement.shape[-1])[3], measurement))
+        return Belief(np.where(np.isnan(measurement), self.rest, measurement))
 
     def step(self, belief, command, measurement, dt):
-        """Predict, then correct with what was read."""
+        """Predict, then correct with what was read; a missing component is NaN."""
         predicted = runge_kutta(self.process, belief.mean, command, dt)
-        surprise = np.nan_to_num(SPACE.difference(measurement, predicted))  # a missing component is NaN: it corrects nothing
-        return Belief(SPACE.displace(predicted, self.gain * surprise))
+        surprise = self.space.difference(measurement, predicted)
+        correction = np.nan_to_num(self.gain * surprise)
+        for rate, place in RATES.items():
+            if rate in self.places:  # without a gyro the rate follows from how the attitude is wrong
+                indirect = 0.1 * np.nan_to_num(surprise[..., self.places[place]]) / dt
+                missing = np.isnan(surprise[..., self.places[rate]])
+                correction[..., self.places[rate]] += np.where(missing, indirect, 0.0)
+        return Belief(self.space.displace(predicted, correction))

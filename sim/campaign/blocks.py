@@ -1,10 +1,12 @@
-"""Trials in shards: blocks that are simulated together, in this process or in several; no result depends on how they are cut."""
+"""Trials in blocks that are simulated together, in this process or in several; no result depends on how they are cut."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,32 +15,18 @@ from sim.campaign.draws import draw
 from sim.campaign.engines import processes, stop
 from sim.campaign.settings import Campaign
 from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.loop.recording import Recorder, Recording
-from sim.metrics.antenna_study import Controllers, identified, judge
-from sim.metrics.one_body import Metric, evaluate
+from sim.loop.closed_loop import run
+from sim.loop.lost_trials import LostTrial
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
+from sim.metrics.antenna_study import controllers, identified
+from sim.metrics.evaluation import evaluate
+from sim.metrics.one_body import Metric
+from sim.metrics.trial_block import TrialBlock
 from sim.plant.batch import SimulationFailed
-from sim.scenario.one_body import Scenario
-from sim.user_code.guests import Guests
+from sim.user_code.user_code import UserCode
 
-TRIALS_PER_SHARD = 64  # where the cost of a trial has stopped to fall; 0.1 GB of recording
-
-
-@dataclass(frozen=True, eq=False)
-class Shard:
-    """What a block of trials gave; after a failure the recording ends early and there are no metrics.
-
-    Attributes:
-      trials: their numbers, (trials,).
-      metrics: one value a trial each.
-      recordings: of every closed loop, by name: the trials that were to be recorded; the failed one after a failure.
-      failure: what went wrong.
-    """
-
-    trials: NDArray[np.int64]
-    metrics: list[Metric]
-    recordings: dict[str, Recording]
-    failure: str | None = None
+TRIALS_PER_BLOCK = 64  # where the cost of a trial has stopped to fall; 0.1 GB of recording
 
 
 Progress = Callable[[float], None]
@@ -46,104 +34,96 @@ Progress = Callable[[float], None]
 
 def cut(trials: NDArray[np.int64], workers: int) -> list[NDArray[np.int64]]:
     """Blocks of trials, at least one for each worker where there are enough trials."""
-    count = max(int(np.ceil(len(trials) / TRIALS_PER_SHARD)), min(workers, len(trials)))
+    count = max(int(np.ceil(len(trials) / TRIALS_PER_BLOCK)), min(workers, len(trials)))
     return [block for block in np.array_split(trials, count) if len(block)]
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Any,
     trials: NDArray[np.int64],
     recorded: NDArray[np.int64],
-    guests: Guests | None = None,
+    user_code: UserCode | None = None,
     campaign: Campaign | None = None,
-    on_tick: Callable[[int, Recorder], None] | None = None,
-) -> Shard:
-    """Simulate a block of trials and evaluate it; a failed simulation is a result, not an exception.
+    on_tick: Callable[[str, int, Recorder], None] | None = None,
+) -> TrialBlock:
+    """Simulate a block of trials and evaluate it; a trial that breaks down harms no other.
 
     With a `campaign` each trial's plant, sensors, faults and start are those that it draws there.
     """
     variants = draw(campaign, scenario, trials).variants if campaign else None
-    keep = np.flatnonzero(np.isin(trials, recorded))
     metrics: list[Metric] = []
     recordings: dict[str, Recording] = {}
-    controllers: dict[str, Controllers] = {}
-    for name, single in scenario.singles().items():
-        system = build(single, trials, guests, variants)
+    settings = getattr(scenario, "identification", None)
+    whole: dict[str, Recording] = {}
+    lost: dict[int, LostTrial] = {}
+    for name in scenario.loop_names:
+        system = build(scenario, trials, user_code, variants, name)
+        recording = run(system, partial(on_tick, name) if on_tick else None, recorded)
+        lost |= {one.trial: one if name == "loop" else one._replace(cause=f"loop {name}: {one.cause}") for one in reversed(recording.lost)}
+        sound = recording.sound()
+        if len(sound.flown):
+            metrics += [metric.at(sound.flown, trials) for metric in evaluate(scenario, name, system, sound)]
+        if settings is not None:
+            whole[name] = recording
+        shown = recording.select(np.flatnonzero(np.isin(recording.trials, _worth_recording(recording, recorded))))
+        if len(shown.trials):
+            recordings[name] = shown
+    end = max((recording.counted for recording in recordings.values()), default=0)
+    recordings = {name: recording.until(end) for name, recording in recordings.items()} if end else {}
+    alive = np.array([trial for trial in trials.tolist() if trial not in lost], dtype=np.int64)
+    own = (
+        {name: controllers(recording.select(np.flatnonzero(np.isin(trials, alive)))) for name, recording in whole.items()}
+        if settings
+        else {}
+    )
+    flown = {name: found for name, found in own.items() if found is not None}
+    if settings is not None and len(alive) and {settings.adaptive, settings.nominal} <= flown.keys():
         try:
-            recording = run(system, on_tick)
+            own_variants = variants.only(np.flatnonzero(np.isin(trials, alive))) if variants else None
+            more, findings = identified(scenario, flown, lambda single: build(single, alive, user_code, own_variants))
         except SimulationFailed as failure:
-            kept = failure.recording
-            where = np.flatnonzero(trials == failure.trial)
-            text = str(failure) if name == "loop" else f"loop {name}: {failure}"
-            return Shard(trials, [], {name: kept.select(where)} if kept is not None and kept.ticks else {}, text)
-        metrics += evaluate(recording, system.plant.assembly, name, single)
-        more, flown = judge(system, recording, name, single.law)
-        metrics += more
-        if flown is not None:
-            controllers[name] = flown
-        if len(keep):
-            recordings[name] = recording.select(keep)
-    if scenario.identification:
-        try:
-            more, findings = identified(scenario, controllers, lambda single: build(single, trials, guests, variants))
-        except SimulationFailed as failure:
-            return Shard(trials, [], recordings, f"identification: {failure}")
-        metrics += more
-        if (adaptive := recordings.get(scenario.identification.adaptive)) is not None:
-            recordings[scenario.identification.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
-    return Shard(trials, metrics, recordings)
+            return TrialBlock(alive, [], recordings, tuple(lost.values()), f"identification: {failure}")
+        metrics += [metric.at(alive, trials) for metric in more]
+        if (adaptive := recordings.get(settings.adaptive)) is not None:
+            keep = np.flatnonzero(np.isin(alive, adaptive.trials))
+            recordings[settings.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
+    return TrialBlock(alive, [metric.of(trials, alive) for metric in metrics] if len(alive) else [], recordings, tuple(lost.values()))
+
+
+def _worth_recording(recording: Recording, recorded: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Trials that are to be recorded; the first that broke down too, so that it can be looked at."""
+    broken = [one.trial for one in sorted(recording.lost, key=lambda one: one.tick)[:1]]
+    return np.array([*recorded.tolist(), *broken], dtype=np.int64)
 
 
 def simulate_all(
-    scenario: Scenario,
+    scenario: Any,
     blocks: list[NDArray[np.int64]],
     recorded: NDArray[np.int64],
     workers: int,
     progress: Progress,
-    guests: Guests | None = None,
+    user_code: UserCode | None = None,
     campaign: Campaign | None = None,
-    on_tick: Callable[[int, Recorder], None] | None = None,
-) -> Iterator[Shard]:
-    """Shards as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
-    loops = len(scenario.singles())
+    on_tick: Callable[[str, int, Recorder], None] | None = None,
+) -> Iterator[TrialBlock]:
+    """Blocks as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
+    loops = len(scenario.loop_names)
     if workers == 1:
         for number, block in enumerate(blocks):
 
-            def tick(k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
+            def tick(loop: str, k: int, recorder: Recorder, size: int = len(block), first: bool = number == 0) -> None:
                 progress(size / loops)
                 if on_tick and first:
-                    on_tick(k, recorder)
+                    on_tick(loop, k, recorder)
 
-            yield simulate(scenario, block, recorded, guests, campaign, tick)
+            yield simulate(scenario, block, recorded, user_code, campaign, tick)
         return
     pool = processes(min(workers, len(blocks)))
     try:
-        waiting = [pool.submit(simulate, scenario, block, recorded, guests, campaign) for block in blocks]
+        waiting = [pool.submit(simulate, scenario, block, recorded, user_code, campaign) for block in blocks]
         for done in as_completed(waiting):
-            shard = done.result()
-            progress(len(shard.trials) * scenario.run.ticks)
-            yield shard
+            finished = done.result()
+            progress((len(finished.trials) + len(finished.lost)) * scenario.run.ticks)
+            yield finished
     finally:
         stop(pool)
-
-
-def join(shards: list[Shard]) -> tuple[NDArray[np.int64], list[Metric], dict[str, Recording]]:
-    """Trials in order, with their metrics and recordings, of shards that finished in any order."""
-    shards = sorted((s for s in shards if s.metrics), key=lambda s: int(s.trials[0]))
-    if not shards:
-        return np.zeros(0, dtype=np.int64), [], {}
-    rows: dict[tuple[str, str, str, str], list[tuple[int, NDArray[np.floating]]]] = {}
-    for number, shard in enumerate(shards):
-        for metric in shard.metrics:
-            rows.setdefault(metric[:4], []).append((number, metric.values))
-    metrics = []
-    for key, parts in rows.items():
-        found = dict(parts)
-        # a phase that no trial of a shard has is no number there
-        values = [found.get(number, np.full(len(shard.trials), np.nan)) for number, shard in enumerate(shards)]
-        metrics.append(Metric(*key, np.concatenate(values)))
-    parts_of: dict[str, list[Recording]] = {}
-    for shard in shards:
-        for name, recording in shard.recordings.items():
-            parts_of.setdefault(name, []).append(recording)
-    return np.concatenate([s.trials for s in shards]), metrics, {name: Recording.join(parts) for name, parts in parts_of.items()}

@@ -14,12 +14,12 @@ from models.plants.inertia import why_impossible
 from models.plants.nacs import INERTIA_SETS, prepare_nacs
 from sim.bad_input import BadInput
 from sim.campaign.settings import Campaign, batched
-from sim.cli import families
-from sim.cli.families import Settings
 from sim.faults.kinds import Fault
 from sim.loop.variants import DISPERSIBLE, Variants
 from sim.plant.kinds import NacsPlant
 from sim.randomness import Stream, generator
+from sim.scenario import files
+from sim.scenario.files import AnyScenario
 from sim.scenario.one_body import Scenario, StartSettings
 from sim.sensors.sensors import SensorSettings
 
@@ -38,7 +38,7 @@ class Drawn(NamedTuple):
     redrawn: NDArray[np.int64]  # (trials,) how often a draw was impossible
 
 
-def check(campaign: Campaign, base: Settings, path: Path) -> None:
+def check(campaign: Campaign, base: AnyScenario, path: Path) -> None:
     """Every key that is dispersed must exist and be of a kind that can differ from trial to trial; raises BadInput."""
     if batched(base):
         _check_batch(campaign, base, path)
@@ -89,9 +89,9 @@ def picked(campaign: Campaign, trial: int) -> dict[str, float]:
     return {key: d.quantile(float(s)) for (key, d), s in zip(campaign.dispersion.items(), share, strict=True)}
 
 
-def alone(campaign: Campaign, base: Settings, trial: int) -> Settings:
+def alone(campaign: Campaign, base: AnyScenario, trial: int) -> AnyScenario:
     """The scenario that a trial flown alone is; raises BadInput if it is impossible."""
-    return families.check(families.dumped(base), f"trial {trial}", dict(picked(campaign, trial)))
+    return files.check(files.dumped(base), f"trial {trial}", dict(picked(campaign, trial)))
 
 
 def _shares(campaign: Campaign, trials: NDArray[np.int64]) -> Array:
@@ -165,11 +165,11 @@ def _check_batch(campaign: Campaign, base: Scenario, path: Path) -> None:
                 raise BadInput(f"{where}: the fault can last from {low:g} to {high:g} s, the run from 0 to {duration:g} s")
 
 
-def _check_alone(campaign: Campaign, base: Settings, path: Path) -> None:
+def _check_alone(campaign: Campaign, base: AnyScenario, path: Path) -> None:
     """Every key must exist, and the scenario be possible at the middle of all distributions."""
     for key, distribution in campaign.dispersion.items():
         where = f"{path}: dispersion.{key}"
         try:
-            families.check(families.dumped(base), where, {key: distribution.quantile(0.5)})
+            files.check(files.dumped(base), where, {key: distribution.quantile(0.5)})
         except BadInput as wrong:
             raise BadInput(str(wrong).replace(f"--set {key}", where)) from None

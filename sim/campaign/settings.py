@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal, TypeGuard
 from pydantic import Field
 
 from models.sections import Section
-from sim.cli import families
-from sim.cli.families import Settings
 from sim.draws import Number
 from sim.plant.kinds import NacsPlant
+from sim.scenario import files
+from sim.scenario.files import AnyScenario
 from sim.scenario.one_body import Scenario
 
 HEADLINES = (  # of all kinds of scenario; each has some of them
@@ -68,7 +68,7 @@ class Campaign(Section):
 
     @cached_property
     def points(self) -> list[dict[str, Any]]:
-        """Settings of each point of the grid."""
+        """AnyScenario of each point of the grid."""
         return [dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())]
 
     @cached_property
@@ -80,15 +80,15 @@ class Campaign(Section):
         """Whether a metric is kept."""
         return bool(self._kept.match(metric) or self._kept.match(f"{metric}@{phase}"))
 
-    def at(self, point: int) -> Settings:
+    def at(self, point: int) -> AnyScenario:
         """The scenario at a point of the grid; raises BadInput."""
-        return families.load(self.scenario, self.changes(point))
+        return files.load(self.scenario, self.changes(point))
 
     def changes(self, point: int) -> dict[str, Any]:
         """What that scenario has instead of what its file says."""
         return self.override | self.points[point] | {"run.seed": self.seed, "run.trials": self.trials}
 
 
-def batched(base: Settings) -> TypeGuard[Scenario]:
+def batched(base: AnyScenario) -> TypeGuard[Scenario]:
     """Whether trials that differ are flown as one batch; otherwise each is flown alone, and any key of the scenario may be dispersed."""
     return isinstance(base, Scenario) and isinstance(base.plant, NacsPlant) and not base.loops

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from models.attitude import quaternion
 from sim.bad_input import BadInput
-from sim.campaign.blocks import Shard, simulate
+from sim.campaign.blocks import simulate
 from sim.campaign.draws import alone, draw, picked
 from sim.campaign.settings import Campaign, batched
-from sim.cli import families
-from sim.cli.families import Settings
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metrics.one_body import Metric, evaluate
-from sim.plant.batch import SimulationFailed
-from sim.scenario.one_body import Scenario
+from sim.scenario import files
+from sim.scenario.files import AnyScenario
 
 Array = NDArray[np.floating]
 
@@ -52,68 +50,42 @@ class Tables(NamedTuple):
 
 
 def fly(job: Job) -> Tables:
-    """Simulate a block; a trial that fails becomes a row with its reason and the others are flown without it."""
+    """Simulate a block; a trial that breaks down becomes a row with its reason and harms no other."""
     campaign = Campaign.model_validate_json(job.campaign)
-    scenario = families.check(json.loads(job.scenario), f"point {job.point}", {})
+    scenario = files.check(json.loads(job.scenario), f"point {job.point}", {})
     trials = np.arange(job.start, job.stop)
     if not batched(scenario):
         return _fly_as_scenarios(job, campaign, scenario, trials)
     drawn = draw(campaign, scenario, trials)
-    alive, failures = np.arange(len(trials)), dict[int, str]()
-    recording: Recording | None = None
-    found: list[Metric] = []
-    while len(alive):
-        variants = drawn.variants.only(alive)
-        system = build(scenario, trials[alive], variants=variants)
-        try:
-            recording = run(system)
-            found = evaluate(recording, system.plant.assembly)
-            break
-        except SimulationFailed as failure:
-            failures[failure.trial] = str(failure)
-            alive = alive[trials[alive] != failure.trial]
+    system = build(scenario, trials, variants=drawn.variants)
+    flown = run(system)
+    recording, failures = flown.sound(), {one.trial: str(one) for one in flown.lost}
+    alive = np.flatnonzero(~np.isin(trials, list(failures)))
+    found = evaluate(recording, system.plant.assembly) if len(alive) else []
     kept = [m for m in found if campaign.keeps(m.metric, m.phase)]
     metrics = _tidy(job.point, campaign, trials, drawn.values, drawn.redrawn, trials[alive], kept, failures)
-    return Tables(job.point, job.start, metrics, _bands(recording), _consistency(recording))
+    return Tables(job.point, job.start, metrics, _bands(recording if len(alive) else None), _consistency(recording if len(alive) else None))
 
 
-def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: Settings, trials: NDArray[np.int64]) -> Tables:
+def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trials: NDArray[np.int64]) -> Tables:
     """Simulate each trial as a scenario of its own, all at once if nothing is dispersed; no bands: loops differ in observers."""
     values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
     for group in trials[:, None] if campaign.dispersion else [trials]:
         values += [list(picked(campaign, int(trial)).values()) for trial in group]
         try:
-            shards = _simulate(alone(campaign, scenario, int(group[0])), group)
+            block = simulate(alone(campaign, scenario, int(group[0])), group, np.zeros(0, dtype=np.int64))
         except BadInput as impossible:
             failures[int(group[0])] = str(impossible)
             continue
-        for shard in shards:
-            if shard.failure:
-                failures[int(shard.trials[0])] = shard.failure
-            for metric in shard.metrics:
-                if campaign.keeps(metric.metric, metric.phase):
-                    found.setdefault(metric[:4], {}).update(zip(shard.trials.tolist(), metric.values.tolist(), strict=True))
+        failures |= {one.trial: str(one) for one in block.lost} | ({int(trial): block.failure for trial in group} if block.failure else {})
+        for metric in block.metrics:
+            if campaign.keeps(metric.metric, metric.phase):
+                found.setdefault(metric[:4], {}).update(zip(block.trials.tolist(), metric.values.tolist(), strict=True))
     alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
     metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
     drawn_values = np.array(values).reshape(len(trials), -1)
     rows = _tidy(job.point, campaign, trials, drawn_values, np.zeros(len(trials), dtype=np.int64), alive, metrics, failures)
     return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
-
-
-def _simulate(scenario: Settings, trials: NDArray[np.int64]) -> list[Shard]:
-    """Trials of a scenario of any kind; if one of them fails, each again by itself."""
-    nobody, family = np.zeros(0, dtype=np.int64), families.of(scenario)
-    if family is None:
-        assert isinstance(scenario, Scenario)
-        whole = simulate(scenario, trials, nobody)
-    else:
-        try:
-            whole = Shard(trials, family.simulate(scenario, trials, nobody, None)[0], {})
-        except SimulationFailed as failure:
-            whole = Shard(trials, [], {}, str(failure))
-    if whole.failure is None or len(trials) == 1:
-        return [whole]
-    return [shard for one in trials[:, None] for shard in _simulate(scenario, one)]
 
 
 METRIC_SCHEMA = pa.schema(

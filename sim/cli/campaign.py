@@ -28,9 +28,9 @@ from sim.campaign.summary import (
     summarize,
     worst,
 )
-from sim.cli import families
 from sim.cli.terminal import INTERRUPTED, err, how_to_open, out, output_folder
 from sim.metrics.results import versions
+from sim.scenario import files
 from sim.tables import one_body as tables
 
 BASELINES = ("ekf", "sif")
@@ -62,7 +62,7 @@ def campaign(
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
     loaded = _load(file, trials, seed, shard)
     target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False)
-    scenarios = [json.dumps(families.dumped(loaded.at(point))) for point in range(len(loaded.points))]
+    scenarios = [json.dumps(files.dumped(loaded.at(point))) for point in range(len(loaded.points))]
     jobs = _jobs(loaded, scenarios)
     store = Store(target, loaded, scenarios)
     store.open(resume)

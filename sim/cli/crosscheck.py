@@ -11,7 +11,6 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sim.bad_input import BadInput
-from sim.cli import families
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, how_to_open, load, out, output_folder
 from sim.crosscheck.divergence import thresholds
 from sim.crosscheck.register import choose_loop, choose_model, family_of
@@ -48,9 +47,9 @@ def crosscheck(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
-    if families.family_of(name) is not None:
-        raise BadInput(f"{name} is of several agents; the cross-check is of one body")
     whole = load(name, trials, seed, overrides)
+    if whole.family != "body":
+        raise BadInput(f"{name} is of several agents; the cross-check is of one body")
     family, loaded = family_of(whole), choose_loop(whole, loop)
     chosen = choose_model(family, model, loaded.plant)
     wanted = thresholds(loaded, limits or [])

@@ -13,9 +13,8 @@ from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.campaign.file import CAMPAIGNS
-from sim.cli import families
 from sim.cli.terminal import out
-from sim.scenario import catalogue
+from sim.scenario import catalogue, files
 from sim.scenario.catalogue import FAMILIES, SCENARIOS
 
 CAMPAIGN = "campaigns"
@@ -74,7 +73,7 @@ def _show(name: str, rows: dict[str, str]) -> None:
 
 
 def _of_scenario(name: str) -> dict[str, str]:
-    found: Any = families.load(name, {})  # every kind has a plant, and most have observers
+    found: Any = files.load(name, {})  # every kind has a plant, and most have observers
     run, agents = found.run, getattr(found.plant, "agents", None)
     plant = " ".join([found.plant.type, *([f"({found.plant.set})"] if hasattr(found.plant, "set") else [])])
     rows = {

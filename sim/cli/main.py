@@ -9,14 +9,12 @@ import typer
 from rich.table import Table
 
 from sim.bad_input import BadInput
-from sim.cli import families
-from sim.cli.agents import changes_of
 from sim.cli.campaign import campaign
 from sim.cli.crosscheck import crosscheck
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
 from sim.cli.run import run
-from sim.cli.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, err, out
+from sim.cli.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, err, load, out
 from sim.cli.view import view
 
 app = typer.Typer(
@@ -38,7 +36,7 @@ def show_parameters(
     overrides: Overrides = None,
 ) -> None:
     """Show every parameter of a scenario's plant: value, unit and where it comes from."""
-    loaded: Any = families.load(scenario, changes_of(overrides, None, None))
+    loaded: Any = load(scenario, None, None, overrides)
     table = Table(box=None, pad_edge=False)
     table.add_column("parameter", no_wrap=True, style="bold")
     table.add_column("value", overflow="fold")

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
-from sim.metrics.one_body import Metric
 from sim.metrics.results import Row, rows, write_summary
-from sim.scenario.one_body import Scenario, parse_override
-from sim.user_code.guests import Guests
-
-if TYPE_CHECKING:
-    from sim.replay.filters_over_log import Replayed
+from sim.scenario.files import AnyScenario, parse_override
+from sim.user_code.user_code import UserCode
 
 FILES = ("estimates.parquet", "summary.json", "replay.png")
 
@@ -26,13 +22,15 @@ FILES = ("estimates.parquet", "summary.json", "replay.png")
 _COLUMNS = (
     ("rmse_residual_quaternion", "resid.\nq\n1e-3", 1e3),
     ("rmse_residual_rate", "resid.\nrate\n1e-3", 1e3),
-    ("nis_mean", "NIS\n10\ndof", 1.0),
+    ("nis_mean", "NIS", 1.0),
     ("nis_inside_fraction", "NIS in\n95 %\n%", 100.0),
     ("white_fraction", "white\nlags\n%", 100.0),
     ("declared_fraction", "decl.\n\n%", 100.0),
     ("rmse_truth_quaternion", "truth\nq\n1e-3", 1e3),
     ("rmse_truth_rate", "truth\nrate\n1e-3", 1e3),
-    ("nees_mean", "NEES\n10\ndof", 1.0),
+    ("rms_position_error", "truth\nplace\n1e-3 m", 1e3),
+    ("rms_velocity_error", "truth\nrate\n1e-3", 1e3),
+    ("nees_mean", "NEES", 1.0),
 )
 
 
@@ -54,67 +52,60 @@ def replay(
     import pyarrow.parquet as pq
 
     from sim.plant.batch import SimulationFailed
-    from sim.replay.filters_over_log import choose, estimates, setting
-    from sim.replay.filters_over_log import replay as fly
-    from sim.replay.flight_log import read
+    from sim.replay.estimates import estimates
+    from sim.replay.flight_log import about, read
+    from sim.replay.log_columns import columns_of
+    from sim.replay.metrics import evaluate
+    from sim.replay.replay import replay as run_over
+    from sim.replay.setting import choose, setting, why_not
     from sim.report.replay import write_picture
 
-    blocks, about = read(log)
-    scenario = setting(about, str(log), tuning, dict(parse_override(text) for text in overrides or []))
-    guests = Guests(tuple(observers or ()))
-    guests.check(scenario)
-    wanted = filters or ([] if observers else list(about.get("settings", {}).get("observers", scenario.observers)))
-    chosen = choose(scenario, wanted)
+    said = about(log)
+    scenario = setting(said, str(log), tuning, dict(parse_override(text) for text in overrides or []))
+    user_code = UserCode(tuple(observers or ()))
+    user_code.check(scenario)
+    blocks = read(log, columns_of(scenario))
+    wanted = filters or []
+    chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
+    skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
+    for reason in skipped.values():
+        err.print(f"warning: {reason}; it is not replayed", style="yellow", markup=False)
+    blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
+    if not blocks:
+        raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
     started = time.perf_counter()
     try:
-        replayed = [fly(block, scenario, chosen, guests) for block in blocks]
+        replayed = [run_over(block, chosen[block.loop][0], user_code) for block in blocks]
     except SimulationFailed as failure:
         err.print(f"error: {failure}")
         raise typer.Exit(FAILED) from None
-    metrics = _evaluate(replayed, scenario)
+    metrics = evaluate(replayed, scenario)
     wall = time.perf_counter() - started
-    trials = sum(len(block.trials) for block in blocks)
+    trials = len({(int(trial)) for block in blocks for trial in block.trials})
     seconds = sum(block.dt * block.reading.shape[0] * len(block.trials) for block in blocks)
     if overwrite and target.is_dir():
         for old in FILES:
             (target / old).unlink(missing_ok=True)
     target.mkdir(parents=True, exist_ok=True)
-    pq.write_table(pa.concat_tables([estimates(one) for one in replayed]), target / "estimates.parquet")
-    write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **guests.described)
-    write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording)
-    out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(about, scenario)}\n")
-    out.print(_table(rows(metrics), (*chosen, *guests.names)))
+    tables = [estimates(one) for one in replayed]
+    pq.write_table(pa.concat_tables(tables, promote_options="default"), target / "estimates.parquet")
+    write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
+    if replayed[0].recording.observers:
+        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording, replayed[0].layout)
+    out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n")
+    out.print(_table(rows(metrics)))
     for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
-        out.print(f"{label:<10} {target / name}")
+        if (target / name).is_file():
+            out.print(f"{label:<10} {target / name}")
 
 
-def _origin(about: dict[str, object], scenario: Scenario) -> str:
+def _origin(about: dict[str, object], scenario: AnyScenario) -> str:
     return str(about["scenario"]) if "settings" in about else f"the NACS as published ({scenario.source})"
 
 
-def _evaluate(replayed: list[Replayed], scenario: Scenario) -> list[Metric]:
-    """The metrics of docs/metrics.md, and those of docs/replay.md, of every trial."""
-    from models.plants.nacs import compile_nacs
-    from sim.campaign.blocks import Shard, join
-    from sim.metrics.one_body import evaluate
-    from sim.replay.filters_over_log import judge
-
-    assembly, shards = compile_nacs(scenario.testbed), []
-    for one in replayed:
-        recording, trials = one.recording, one.recording.trials
-        metrics = [metric for metric in evaluate(recording, assembly) if metric.subject != "loop"]
-        for name in recording.observers:
-            fit = judge(one, name)
-            extra = {"nis_inside_fraction": np.full(len(trials), fit.nis_inside), "white_fraction": np.full(len(trials), fit.white)}
-            if recording.thresholds[name] is not None:
-                extra["declared_fraction"] = np.mean(recording.channels[f"{name}/declared"], axis=0)
-            metrics += [Metric(name, metric, "all", "1", values) for metric, values in extra.items()]
-        shards.append(Shard(trials, metrics, {}))
-    return join(shards)[1]
-
-
-def _table(statistics: list[Row], names: tuple[str, ...]) -> Table:
+def _table(statistics: list[Row]) -> Table:
+    names = list(dict.fromkeys(row.subject for row in statistics))
     found = {(row.subject, row.metric): row.mean for row in statistics if row.phase == "all"}
     shown = [column for column in _COLUMNS if any((name, column[0]) in found for name in names)]
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1))

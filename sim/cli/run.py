@@ -10,31 +10,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
 from sim.bad_input import BadInput
-from sim.campaign.blocks import Shard, cut, join, simulate_all
-from sim.campaign.draws import alone, picked
+from sim.campaign.blocks import cut, simulate_all
+from sim.campaign.draws import alone
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign, batched
-from sim.cli import agents as command_family
-from sim.cli import families
 from sim.cli.run_output import LOG, RECORDING, REPORT, Ended, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
-from sim.loop.recording import Recorder, Recording
-from sim.metrics.claims import CLAIMS
-from sim.metrics.results import Row, rows
-from sim.plant.kinds import compile_plant
-from sim.scenario.one_body import Scenario
-from sim.tables import antenna as antenna_tables
-from sim.tables import one_body as tables
-from sim.tables import windows as window_tables
-from sim.user_code.guests import Guests
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
+from sim.metrics.results import rows
+from sim.metrics.trial_block import TrialBlock, join
+from sim.replay.log_columns import columns_of
+from sim.scenario.files import AnyScenario
+from sim.tables.register import tables_of
+from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:
     from sim.rerun.live import LiveStream
+    from sim.rerun.live_curves import LiveCurves
 
 
 def run(
@@ -65,85 +62,76 @@ def run(
     ] = False,
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
-    if (family := families.family_of(name)) is not None:
-        if observers or controller or export_log or live or point:
-            raise BadInput(f"{name} is of several agents; --observer, --controller, --export-log, --live and --point are for one body")
-        changes = command_family.changes_of(overrides, trials, seed)
-        command_family.run(family, command_family.Asked(name, changes, folder, workers, only_trial, record_trials, overwrite))
-        return
-    guests = Guests(tuple(observers or ()), controller)
+    user_code = UserCode(tuple(observers or ()), controller)
     source = load_campaign(Path(name)) if is_campaign(name) else None
     if source and (only_trial is None or trials or seed or overrides):
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
-    base = source.at(point) if source else load(name, trials, seed, overrides, guests.names)
-    if source and only_trial is not None and (family := families.of(base)) is not None:
-        changes = source.changes(point) | picked(source, only_trial)
-        asked = command_family.Asked(source.scenario, changes, folder, workers, only_trial, record_trials, overwrite)
-        command_family.run(family, asked)
-        return
-    assert isinstance(base, Scenario)
-    loaded = base
+    loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, user_code.names)
     if source and only_trial is not None and not batched(loaded):
-        own, source = alone(source, loaded, only_trial), None
-        assert isinstance(own, Scenario)
-        loaded = own
+        loaded, source = alone(source, loaded, only_trial), None
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
-    if export_log and not record_trials:
-        raise BadInput("--export-log writes the recorded trials and --record-trials 0 records none")
-    if loaded.loops and (guests.names or guests.controller or live or export_log):
-        raise BadInput(f"{name} flies several loops; --observer, --controller, --live and --export-log need a scenario with one [control]")
+    if (export_log or live) and not record_trials:
+        raise BadInput(f"{'--export-log writes' if export_log else '--live shows'} the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
-    guests.check(loaded)
+    user_code.check(loaded)
     for warning in loaded.warnings():
         err.print(f"warning: {warning}", style="yellow", markup=False)
-    stream = _live_stream(loaded, name, guests) if live else None
+    stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
-    shards, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, guests, stream.on_tick if stream else None)
+    blocks, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
     if stream:
         stream.close()
-    failure = next((shard for shard in shards if shard.failure), None)
-    finished, metrics, recordings = join(shards)
-    if failure and failure.recordings:
-        recordings = failure.recordings
+    finished, metrics, recordings = join(blocks)
+    broken = sorted(one for block in blocks for one in block.lost)
+    if not recordings:
+        recordings = next((block.recordings for block in blocks if block.recordings), {})
     wall = time.perf_counter() - started
-    reason = failure.failure if failure else None
-    ended = Ended(name, loaded, len(loaded.singles()), len(numbers), finished, metrics, wall, reason, stopped)
+    reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
+    ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped)
     if not len(finished) and not recordings:
         ended.give_up()
-    ended.write_figures(target, overwrite, **guests.described)
-    _draw(target, name, loaded, guests, recordings)
+    ended.write_figures(target, overwrite, **user_code.described)
+    if recordings:
+        _draw(target, name, loaded, user_code, recordings)
     if export_log and recordings:
         from sim.replay.flight_log import export
 
-        export(target / LOG, recordings["loop"], loaded, name)
-    _show(ended, loaded, guests)
+        export(target / LOG, recordings, loaded, name)
+    if statistics := rows(ended.metrics):
+        ended.say_what()
+        for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
+            out.print(table)
     ended.say_where(target)
 
 
-def _live_stream(loaded: Scenario, name: str, guests: Guests) -> LiveStream:
+def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream | LiveCurves:
     from sim.rerun.live import LiveStream  # Rerun takes half a second to import
+    from sim.rerun.live_curves import LiveCurves
 
+    configuration = _configuration(loaded, user_code)
     try:
-        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), guests), _configuration(loaded, guests))
+        if loaded.loops:
+            return LiveCurves(name, loaded.loop_names, columns_of(loaded).layout, configuration)
+        return LiveStream(name, build(loaded, np.zeros(1, dtype=np.int64), user_code), loaded.law.feedback, configuration)
     except ConnectionError as refused:
         raise BadInput(f"--live: {refused}") from None
 
 
 def _simulate(
-    loaded: Scenario,
+    loaded: Any,
     source: Campaign | None,
     numbers: Any,
     recorded: Any,
     workers: int,
-    guests: Guests,
-    stream: Callable[[int, Recorder], None] | None,
-) -> tuple[list[Shard], bool]:
-    """Shards that finished, and whether the user stopped the rest; a failed one ends the run."""
-    shards: list[Shard] = []
+    user_code: UserCode,
+    stream: Callable[[str, int, Recorder], None] | None,
+) -> tuple[list[TrialBlock], bool]:
+    """Blocks that finished, and whether the user stopped the rest."""
+    blocks: list[TrialBlock] = []
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -156,66 +144,30 @@ def _simulate(
         seconds = loaded.run.tick_s
         task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
         try:
-            for shard in simulate_all(
-                loaded, cut(numbers, workers), recorded, workers, lambda ticks: bar.advance(task, seconds * ticks), guests, source, stream
+            for block in simulate_all(
+                loaded,
+                cut(numbers, workers),
+                recorded,
+                workers,
+                lambda ticks: bar.advance(task, seconds * ticks),
+                user_code,
+                source,
+                stream,
             ):
-                shards.append(shard)
-                if shard.failure:
-                    break
+                blocks.append(block)
         except KeyboardInterrupt:
-            return shards, True
-    return shards, False
+            return blocks, True
+    return blocks, False
 
 
-def _draw(target: Path, name: str, loaded: Scenario, guests: Guests, recordings: dict[str, Recording]) -> None:
-    from sim.report import antenna as report_antenna
-    from sim.report import loops as report_loops
-    from sim.report import page as report  # Matplotlib and Rerun take a second to import
-    from sim.rerun.loops import write_loops
-    from sim.rerun.sink import write_recording
-    from sim.series.antenna import is_antenna
+def _draw(target: Path, name: str, loaded: AnyScenario, user_code: UserCode, recordings: dict[str, Recording]) -> None:
+    from sim.report.register import write_report  # Matplotlib and Rerun take a second to import
+    from sim.rerun.register import write_recording
 
-    configuration = _configuration(loaded, guests)
-    if recordings and is_antenna(loaded, recordings):
-        report_antenna.write_report(target / REPORT, name, loaded, recordings)
-        write_loops(target / RECORDING, name, loaded, recordings, configuration)
-    elif "loop" in recordings:
-        recording, assembly = recordings["loop"], compile_plant(loaded.plant)
-        report.write_report(target / REPORT, name, loaded.title, recording, _closed_by(loaded, guests))
-        write_recording(target / RECORDING, name, recording, assembly, loaded.law.feedback, configuration)
-    elif recordings:
-        report_loops.write_report(target / REPORT, name, loaded, recordings)
-        write_loops(target / RECORDING, name, loaded, recordings, configuration)
+    write_report(target / REPORT, name, loaded, recordings, user_code.law)
+    write_recording(target / RECORDING, name, loaded, recordings, _configuration(loaded, user_code))
 
 
-def _configuration(loaded: Scenario, guests: Guests) -> dict[str, Any]:
-    return loaded.model_dump(mode="json", exclude_none=True) | guests.described
-
-
-def _closed_by(loaded: Scenario, guests: Guests) -> str:
-    return loaded.law.feedback + (f" by {guests.law}" if guests.law else "")
-
-
-def _show(ended: Ended, loaded: Scenario, guests: Guests) -> None:
-    statistics, finished = rows(ended.metrics), len(ended.trials)
-    if not statistics:
-        return
-    ended.say_what()
-    if loaded.loops:
-        for table in _several(statistics)(statistics, loaded, finished):
-            out.print(table)
-        if loaded.claims:
-            out.print(tables.claims(CLAIMS[loaded.claims](statistics)))
-        return
-    if loaded.published:
-        out.print(tables.residuals(statistics, loaded.published))
-    out.print(tables.estimators(statistics, [*loaded.observers, *guests.names], loaded.published, finished))
-    out.print(f"{tables.loop(statistics)}{f', controller {guests.law}' if guests.law else ''}")
-
-
-def _several(statistics: list[Row]) -> Callable[[list[Row], Scenario, int], list[Table]]:
-    """Tables of several loops, by what was measured of them."""
-    measured = {row.metric for row in statistics}
-    if "rms_pointing_deg" in measured:
-        return antenna_tables.antenna
-    return window_tables.windows if "rms_rate_error" in measured else tables.loops
+def _configuration(loaded: Any, user_code: UserCode) -> dict[str, Any]:
+    configuration: dict[str, Any] = loaded.model_dump(mode="json", exclude_none=True)
+    return configuration | user_code.described

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 import typer
@@ -14,29 +14,11 @@ from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, INTERRUPTED, err, how_to_open, out
 from sim.metrics.one_body import Metric
 from sim.metrics.results import write_summary, write_trials
-from sim.scenario.one_body import RunSettings
+from sim.scenario.files import AnyScenario
+from sim.scenario.run import RunSettings
 
 RECORDING, REPORT, LOG = "recording.rrd", "report.png", "log.parquet"
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
-
-
-class Flyable(Protocol):
-    """What all scenarios have."""
-
-    @property
-    def title(self) -> str:
-        """What it shows."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """Equation, table or figure that it comes from."""
-        ...
-
-    @property
-    def run(self) -> RunSettings:
-        """How long, how often, from which seed."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +33,18 @@ class Ended:
       trials: numbers of those that were finished.
       metrics: of those.
       wall_s: what it took.
-      failure: why it ended early, if it did by itself.
+      failures: what broke down.
       stopped: whether the user ended it.
     """
 
     name: str
-    scenario: Flyable
+    scenario: AnyScenario
     loops: int
     wanted: int
     trials: NDArray[np.int64]
     metrics: list[Metric]
     wall_s: float
-    failure: str | None
+    failures: list[str]
     stopped: bool
 
     @property
@@ -70,9 +52,15 @@ class Ended:
         """Time of flight of all loops and trials together."""
         return self.scenario.run.tick_s * self.scenario.run.ticks * len(self.trials) * self.loops
 
+    @property
+    def _first(self) -> str:
+        """The first that broke down, and how many more."""
+        others = len(self.failures) - 1
+        return self.failures[0] + (f"; and {others} more trial{'s' if others > 1 else ''}" if others else "")
+
     def give_up(self) -> NoReturn:
         """Leave the command without a result."""
-        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self.failure}")
+        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self._first}")
         raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
 
     def write_figures(self, folder: Path, overwrite: bool, **described: Any) -> None:
@@ -99,8 +87,8 @@ class Ended:
             out.print(f"Log        {folder / LOG}\nReplay it  nacs replay {folder / LOG}")
         if (folder / RECORDING).is_file():
             out.print(f"Recording  {folder / RECORDING}\nOpen it    {how_to_open(folder / RECORDING)}")
-        if self.failure:
-            err.print(f"error: {self.failure}; what was recorded until then is in {folder}")
+        if self.failures:
+            err.print(f"error: {self._first}; what was recorded until then is in {folder}", markup=False)
             raise typer.Exit(FAILED)
         if self.stopped:
             err.print(f"interrupted: {len(self.trials)} of {self.wanted} trials were finished and kept in {folder}")

@@ -13,8 +13,7 @@ import typer
 from rich.console import Console
 
 from sim.bad_input import BadInput
-from sim.scenario import one_body as scenarios
-from sim.scenario.one_body import Scenario
+from sim.scenario import files
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
 
@@ -28,14 +27,15 @@ Overrides = Annotated[
 ]
 
 
-def load(name: str, trials: int | None, seed: int | None, overrides: list[str] | None, guests: tuple[str, ...] = ()) -> Scenario:
+def changes_of(overrides: list[str] | None, trials: int | None, seed: int | None) -> dict[str, Any]:
+    """Dotted keys that the command line sets."""
+    changes: dict[str, Any] = dict(files.parse_override(text) for text in overrides or [])
+    return changes | ({} if trials is None else {"run.trials": trials}) | ({} if seed is None else {"run.seed": seed})
+
+
+def load(name: str, trials: int | None, seed: int | None, overrides: list[str] | None, guests: tuple[str, ...] = ()) -> Any:
     """Scenario with what the command line says instead; `guests` are observers that the user brings along."""
-    changes: dict[str, Any] = dict(scenarios.parse_override(text) for text in overrides or [])
-    if trials is not None:
-        changes["run.trials"] = trials
-    if seed is not None:
-        changes["run.seed"] = seed
-    return scenarios.load(name, changes, guests)
+    return files.load(name, changes_of(overrides, trials, seed), guests)
 
 
 def output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from sim.bad_input import BadInput
-from sim.cli import families
-from sim.cli.agents import changes_of
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out
+from sim.loop.motion import motion
 from sim.plant.batch import SimulationFailed
 
 
@@ -22,9 +21,8 @@ def view(
     overrides: Overrides = None,
 ) -> None:
     """Fly the first trial of a scenario in MuJoCo's own viewer, in real time; several agents are simulated first, then shown."""
-    agents = families.family_of(name) is not None
-    loaded: Any = families.load(name, changes_of(overrides, 1, seed)) if agents else load(name, 1, seed, overrides)
-    loops = list(loaded.loops) or [*loaded.singles()]
+    loaded: Any = load(name, 1, seed, overrides)
+    loops = list(loaded.loop_names)
     chosen = loops[0] if loop is None else loop
     if chosen not in loops:
         raise BadInput(f"--loop {loop}: {name} flies {', '.join(loops) if loaded.loops else 'one loop, which has no name'}")
@@ -36,11 +34,9 @@ def view(
         others = ", ".join(other for other in loops if other != chosen)
         out.print(f"loop {chosen} of {name}; --loop shows another: {others}", markup=False, soft_wrap=True)
     try:
-        if not agents:
-            viewer.fly(loaded.singles()[chosen])
+        if loaded.family == "body":
+            viewer.fly(loaded, chosen)
             return
-        from sim.loop.agents_motion import motion
-
         with err.status(f"simulating {loaded.run.ticks * loaded.run.tick_s:g} s of {loaded.plant.type} first"):
             moved = motion(loaded, chosen)
         viewer.show(*moved)

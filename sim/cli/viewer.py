@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.loop.build import build
-from sim.loop.one_body import run
-from sim.loop.recording import Recorder
-from sim.scenario.one_body import Scenario
+from sim.loop.closed_loop import run_whole
+from sim.loop.motion import FIRST
+from sim.loop.recorder import Recorder
+from sim.scenario.files import AnyScenario
 
 FRAMES_PER_TICK = 6
 FRAME_S = 1 / 60
 CLOSING_S = 5.0
 
 
-def fly(scenario: Scenario) -> None:
-    """Fly trial 0 of a scenario with one loop in a window until the run or the window ends; motion between ticks is interpolated."""
-    system = build(scenario, np.zeros(1, dtype=np.int64))
+def fly(scenario: AnyScenario, loop: str) -> None:
+    """Fly a loop of trial 0 in a window until the run or the window ends; motion between ticks is interpolated."""
+    system = build(scenario, FIRST, loop=loop)
     model = system.plant.assembly.scene
     data = mujoco.MjData(model)
     velocity = np.zeros(model.nv)
@@ -42,7 +43,7 @@ def fly(scenario: Scenario) -> None:
                 data.time = system.dt * (tick - 1 + frame / FRAMES_PER_TICK)
                 _draw(window, model, data, started)
 
-        run(system, show)
+        run_whole(system, show)
 
 
 def show(model: mujoco.MjModel, qpos: NDArray[np.floating], dt: float) -> None:

@@ -13,7 +13,7 @@ from models.plants.formation_nacs import FormationNacsParameters
 from models.plants.nacs import NacsParameters
 from sim.faults.formation import FormationFaults
 from sim.formation_randomness import Blocks, FormationStream
-from sim.plant.batch import Truth
+from sim.plant.formation import AgentsTruth
 from sim.randomness import Trials
 from sim.sensors.sensors import SENSOR_SETS
 
@@ -40,7 +40,7 @@ class Given(NamedTuple):
 class Effectors(Protocol):
     """What stands between a law and the bodies."""
 
-    def stored(self, truth: Truth) -> Stored | None:
+    def stored(self, truth: AgentsTruth) -> Stored | None:
         """What wheels hold at a tick; None without wheels. To be called once a tick."""
         ...
 
@@ -52,7 +52,7 @@ class Effectors(Protocol):
 class DirectTorques:
     """Torques act on the bodies of themselves."""
 
-    def stored(self, truth: Truth) -> None:  # noqa: ARG002
+    def stored(self, truth: AgentsTruth) -> None:  # noqa: ARG002
         """There are no wheels."""
         return
 
@@ -79,7 +79,7 @@ class Drives:
         self._fade = float(np.exp(-dt / testbed.air_torque_correlation_s))
         self._air: Array | None = None
 
-    def stored(self, truth: Truth) -> Stored:
+    def stored(self, truth: AgentsTruth) -> Stored:
         """Of the speeds that wheels have, and that their drives' monitor outputs say."""
         wheels = self._testbed.wheel_axes.shape[1]
         speed = truth.omega_wheel.reshape(len(truth.omega_wheel), -1, wheels)

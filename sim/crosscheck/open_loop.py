@@ -13,8 +13,10 @@ from control.tracking import Estimate, Target
 from models.attitude import quaternion
 from models.dynamics.process import ProcessModel, runge_kutta
 from models.plants.assembly import Assembly
+from sim.controllers.tracking import TrackingLaw
+from sim.loop.body_parts import BodyChange, BodyEffectors, BodyFeedback
 from sim.loop.build import build
-from sim.loop.one_body import System, run
+from sim.loop.closed_loop import System, run_whole
 from sim.loop.recording import Recording
 from sim.plant.batch import Plant
 from sim.scenario.one_body import Scenario
@@ -109,13 +111,20 @@ def altered(parameters: P, **changes: Any) -> P:
 
 def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flight:
     """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop."""
-    system = replace(build(scenario, trials), feedback="truth", banks=())
-    recording = run(system)
+    system = without_observers(build(scenario, trials))
+    recording = run_whole(system)
     state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
-    if not system.command_step_nm:
+    drives = system.effectors
+    assert isinstance(drives, BodyEffectors)
+    if not drives.command_step_nm:
         return Flight(scenario, system, recording, recording.channels["command"], rig)
-    command, _ = system.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
+    command, _ = drives.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
     return Flight(scenario, system, recording, command, rig)
+
+
+def without_observers(system: System) -> System:
+    """The same loop closed by the truth."""
+    return replace(system, feedback=BodyFeedback("truth", ()), estimators=())
 
 
 class _Playback:
@@ -148,7 +157,12 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
             "faults": () if change.no_faults else scenario.faults,
         }
     )
-    system = build(again, flight.system.trials)
+    system = without_observers(build(again, flight.system.trials))
+    drives, flown, law, faults = system.effectors, flight.system.effectors, system.law, system.change
+    assert isinstance(faults, BodyChange)
+    assert isinstance(drives, BodyEffectors)
+    assert isinstance(flown, BodyEffectors)
+    assert isinstance(law, TrackingLaw)
     assembly = system.plant.assembly
     flight.rig.free(assembly)
     for alter in change.built:
@@ -159,15 +173,14 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
     system = replace(
         system,  # drawn for the whole flight, so that it meets the same noise and faults
         plant=plant,
-        target=Target(*(part[:ticks] for part in system.target)),
         ticks=ticks,
-        feedback="truth",
-        banks=(),
-        controller=_Playback(flight.recording.channels["torque_B"]),
-        allocation=flight.system.allocation,  # the same commands, whatever the drives could do
-        command_step_nm=flight.system.command_step_nm if system.command_step_nm else 0.0,
+        law=TrackingLaw(_Playback(flight.recording.channels["torque_B"]), law.target),
+        effectors=replace(  # the same commands, whatever the drives could do
+            drives, allocation=flown.allocation, command_step_nm=flown.command_step_nm if drives.command_step_nm else 0.0
+        ),
+        change=replace(faults, plant=plant),
     )
-    return run(system).channels["truth/state"]
+    return run_whole(system).channels["truth/state"]
 
 
 def integrate(dynamics: Dynamics, start: Array, command: Array, tick_s: float, substeps: int = 1, euler: bool = False) -> Array:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from control.adaptive_network_law import AdaptiveNetworkLaw
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.choice import choose
 from estimation.fading import ConstantFading
+from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.marginalised_unscented import MarginalisedUnscentedFilter
 from estimation.proposals import ConstantNoise
 from estimation.rao_blackwellised import BlockDraws
@@ -19,11 +21,14 @@ from estimation.unscented import UnscentedFilter
 from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AGENTS
+from sim.estimators.learner_settings import Adaptive, Exact, LoopSettings, Marginalised, Nothing, TuningSettings, Unscented
 from sim.estimators.particle_observer import DrawBlocks
 from sim.randomness import Trials
-from sim.scenario.consensus import Adaptive, ConsensusScenario, Exact, LoopSettings, Marginalised, Nothing, TuningSettings, Unscented
 
 Array = NDArray[np.floating]
+Flags = NDArray[np.bool_]
+
+MOTION = 4  # components of position and velocity, before the weights
 
 
 class Learned(NamedTuple):
@@ -41,101 +46,139 @@ class Acted(NamedTuple):
     surface: Array  # (trials, agents, 2) that it was made of
 
 
-class Learner(Protocol):
-    """A way to learn: settings, its memory handed in and out."""
+class LearningMemory(NamedTuple):
+    """What is recorded of a learner beside its motion, as `Belief.memory`."""
 
-    def start(self, reading: Array) -> Learned:
-        """What is known after the first reading of the motion, (trials, agents, 4)."""
-        ...
-
-    def step(self, learned: Learned, acted: Acted, reading: Array, dt: float) -> Learned:
-        """What is known `dt` seconds later, after a reading."""
-        ...
+    ess: Array | None  # (1, trials, agents) of one with particles
 
 
 class Untaught:
-    """Believes readings and learns nothing."""
+    """Believes readings and learns nothing; also what all learners have in common."""
 
-    def __init__(self, process: PlanarAgent) -> None:
+    space = Euclidean()
+    thresholds = (None,)
+
+    def __init__(self, name: str, process: PlanarAgent) -> None:
+        self.names = (name,)
         self._size = process.network.size
 
-    def start(self, reading: Array) -> Learned:
-        """Weights are zero."""
+    def initial(self, reading: Array) -> Learned:
+        """What is known after the first reading of the motion, (trials, agents, 4): weights are zero."""
         return Learned(reading, np.zeros((*reading.shape[:-1], self._size)), None)
 
-    def step(self, learned: Learned, acted: Acted, reading: Array, dt: float) -> Learned:  # noqa: ARG002
-        """The reading."""
-        return learned._replace(motion=reading)
+    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:  # noqa: ARG002
+        """What is known `dt` seconds later, after a reading: the reading."""
+        return belief._replace(motion=reading)
+
+    def summary(self, belief: Learned) -> Belief:
+        """Moments of the motion, (1, trials, agents, ...); without a filter there is no covariance."""
+        motion, inner = belief.motion[None], belief.memory
+        unknown = np.full(motion.shape[:-1], np.nan)
+        if inner is None:
+            none = np.full((*motion.shape, motion.shape[-1]), np.nan)
+            return Belief(motion, none, np.full(motion.shape, np.nan), unknown, unknown, unknown, no_detection(unknown))
+        covariance, nis, dof = self._moments(inner)
+        memory = LearningMemory(inner.ess[None]) if hasattr(inner, "ess") else None
+        return Belief(
+            motion, covariance[None], np.full(motion.shape, np.nan), nis[None], unknown, dof[None], no_detection(nis[None]), memory=memory
+        )
+
+    def put_back(self, where: Flags, first: Learned, belief: Learned) -> Learned:
+        """The first belief in some trials, (trials,)."""
+        chosen: Learned = choose(where, first, belief)
+        return chosen
+
+    def rewind(self) -> None:
+        """It draws no random numbers."""
+
+    def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
+        """The trial, and the loop's name and agent."""
+        trial, agent = failure.where[:2]
+        return trial, f"{self.names[0]}: the {failure.what} of agent {agent + 1} lost definiteness"
+
+    def _moments(self, inner: Any) -> tuple[Array, Array, Array]:
+        """Covariance of the motion, NIS and degrees of freedom of a filter's belief."""
+        return inner.covariance[..., :MOTION, :MOTION], inner.nis, inner.dof
 
 
 class ByAdaptiveLaw(Untaught):
     """Believes readings, and drives the weights by the sliding surface."""
 
-    def __init__(self, process: PlanarAgent, law: AdaptiveNetworkLaw) -> None:
-        super().__init__(process)
+    def __init__(self, name: str, process: PlanarAgent, law: AdaptiveNetworkLaw) -> None:
+        super().__init__(name, process)
         self._network, self._law = process.network, law
 
-    def step(self, learned: Learned, acted: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
         """The reading, and weights moved by the surface at the one before."""
-        weights = self._law.step(learned.weights, acted.surface, self._network.basis(learned.motion), dt)
+        weights = self._law.step(belief.weights, known.surface, self._network.basis(belief.motion), dt)
         return Learned(reading, weights, None)
 
 
-class ByFilter:
+class ByFilter(Untaught):
     """State and weights by an adaptive unscented filter."""
 
-    def __init__(self, joint: AdaptiveUnscentedFilter) -> None:
+    def __init__(self, name: str, process: PlanarAgent, joint: AdaptiveUnscentedFilter) -> None:
+        super().__init__(name, process)
         self.filter = joint
 
-    def start(self, reading: Array) -> Learned:
+    def initial(self, reading: Array) -> Learned:
         """The filter's first belief."""
         return self._learned(self.filter.initial(reading))
 
-    def step(self, learned: Learned, acted: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
         """The filter's next belief."""
-        return self._learned(self.filter.step(learned.memory, acted.force, reading, dt))
+        return self._learned(self.filter.step(belief.memory, known.force, reading, dt))
 
     def _learned(self, belief: Any) -> Learned:
-        return Learned(belief.mean[..., :4], belief.mean[..., 4:], belief)
+        return Learned(belief.mean[..., :MOTION], belief.mean[..., MOTION:], belief)
 
 
-class ByParticles:
+class ByParticles(Untaught):
     """State and weights by the marginalised unscented particle filter."""
 
-    def __init__(self, marginalised: MarginalisedUnscentedFilter, draws: DrawBlocks) -> None:
+    def __init__(self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, draws: DrawBlocks) -> None:
+        super().__init__(name, process)
         self.filter, self._draws = marginalised, draws
 
-    def start(self, reading: Array) -> Learned:
+    def initial(self, reading: Array) -> Learned:
         """The filter's first belief."""
         return self._learned(self.filter.initial(reading, self._following()))
 
-    def step(self, learned: Learned, acted: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
         """The filter's next belief."""
-        return self._learned(self.filter.step(learned.memory, acted.force, reading, dt, self._following()))
+        return self._learned(self.filter.step(belief.memory, known.force, reading, dt, self._following()))
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        self._draws.rewind()
 
     def _following(self) -> BlockDraws:
         draws = self._draws.following()
         each = (len(draws.uniforms), AGENTS, self.filter.particles)
         return BlockDraws(draws.normals.reshape(*each, self.filter.size), draws.uniforms.reshape(each))
 
+    def _moments(self, inner: Any) -> tuple[Array, Array, Array]:
+        """Covariance of the motion; the filter says nothing of its innovations."""
+        unknown = np.full(inner.ess.shape, np.nan)
+        return inner.sampled_covariance if self.filter.sampled == "state" else inner.conditional_covariance, unknown, unknown
+
     def _learned(self, belief: Any) -> Learned:
         return Learned(self.filter.motion(belief), self.filter.parameters(belief), belief)
 
 
-def learner(name: str, settings: LoopSettings, scenario: ConsensusScenario, process: PlanarAgent, trials: Trials) -> Learner:
+def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: PlanarAgent, seed: int, trials: Trials) -> Untaught:
     """How a loop learns, for these trials."""
-    tuning = scenario.tuning
     match settings:
         case Exact() | Nothing():
-            return Untaught(process)
+            return Untaught(name, process)
         case Adaptive():
-            return ByAdaptiveLaw(process, AdaptiveNetworkLaw(settings.rate))
+            return ByAdaptiveLaw(name, process, AdaptiveNetworkLaw(settings.rate))
         case Unscented():
-            return ByFilter(joint_filter(process, tuning, settings))
+            return ByFilter(name, process, joint_filter(process, tuning, settings))
         case Marginalised():
             marginalised = marginalised_filter(process, tuning, settings)
-            draws = DrawBlocks(f"consensus/{name}", scenario.run.seed, trials, AGENTS * settings.particles, marginalised.size, False)
-            return ByParticles(marginalised, draws)
+            draws = DrawBlocks(f"consensus/{name}", seed, trials, AGENTS * settings.particles, marginalised.size, False)
+            return ByParticles(name, process, marginalised, draws)
 
 
 def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscented) -> AdaptiveUnscentedFilter:

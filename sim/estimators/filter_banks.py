@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.choice import choose
 from estimation.extended_kalman import ExtendedFilter
-from estimation.gaussian import Belief
+from estimation.gaussian import Belief, Detection, LostDefiniteness, no_detection
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain
 from estimation.particle import ParticleFilter
@@ -102,13 +103,47 @@ class Bank:
     speeds_are_states: bool = True
     whole: bool = False
 
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        return self.filter.space
+
+    def initial(self, reading: Array) -> Belief:
+        """Belief after the first reading, (trials, 7 + wheels)."""
+        return self.filter.initial(reading)
+
+    def step(self, belief: Belief, known: Array, reading: Array, dt: float) -> Belief:
+        """Belief after `dt` seconds of what is known of the drives, (trials, 2 wheels) or (trials, 3), and a reading."""
+        return self.filter.step(belief, self.inputs(known), reading, dt)
+
+    def summary(self, belief: Belief) -> Belief:
+        """The belief as it is."""
+        return belief
+
+    def put_back(self, where: NDArray[np.bool_], first: Belief, belief: Belief) -> Belief:
+        """The first belief in some trials, (trials,)."""
+        whole, nothing = belief.detection, no_detection(np.zeros((1, len(where))))
+        parts: Belief = choose(where[None], first._replace(detection=nothing), belief._replace(detection=nothing))
+        own = first.detection
+        history = tuple(  # of filters that are stacked each has its own, without an axis of members
+            choose(where[(None,) * (now.ndim - 2)], then, now) for then, now in zip(own.history, whole.history, strict=True)
+        )
+        statistic, declared = (choose(where[None], *pair) for pair in ((own.statistic, whole.statistic), (own.declared, whole.declared)))
+        return parts._replace(detection=Detection(statistic, declared, history))
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        if isinstance(self.filter, ParticleObserver):
+            self.filter.draws.rewind()
+
+    def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
+        """The trial and the filter whose covariance it is."""
+        member, trial = failure.where[-2:]
+        return trial, f"{self.names[member]}: its innovation covariance lost definiteness"
+
     def inputs(self, known: Array) -> Array:
         """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""
         return known[..., : known.shape[-1] // 2] if self.speeds_are_states and not self.whole else known
-
-    def measured(self, reading: Array) -> Array:
-        """A reading (trials, 7 + wheels) as it is: what a filter takes of it its measurement model says."""
-        return reading
 
 
 @dataclass(frozen=True, eq=False)

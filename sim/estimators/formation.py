@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
 from estimation.fading import ConstantFading, FadingLaw, StrongTracking
+from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.particle import ParticleFilter
 from estimation.proposals import PROPOSALS, ConstantNoise
 from estimation.resampling import SCHEMES
-from estimation.state_space import Euclidean
+from estimation.state_space import Euclidean, StateSpace
 from estimation.unscented import UnscentedFilter
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 from models.dynamics.measurement import PartOfState
+from sim.estimators.rodrigues_settings import AukfSettings, PfSettings
 from sim.formation_randomness import ParticleDraws
 from sim.plant.formation import Parameters
 from sim.randomness import Trials
-from sim.scenario.formation import AukfSettings, PfSettings
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -29,6 +30,13 @@ Flags = NDArray[np.bool_]
 
 LOST = 2.0  # of a component of sigma
 LOST_RATE = 50.0  # 1/s
+
+
+class FormationMemory(NamedTuple):
+    """What is recorded of a filter beside its moments, as `Belief.memory`."""
+
+    restarted: Flags  # (1, trials, agents) whether an agent's filter began anew
+    ess: Array | None  # (1, trials, agents) of a particle filter
 
 
 class Watched(NamedTuple):
@@ -39,22 +47,69 @@ class Watched(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Observer:
-    """A filter of either kind and where its random numbers come from.
+class AgentsFilter:
+    """A filter of either kind, stepped for all agents at once, and where its random numbers come from.
 
     Attributes:
+      name: of the observer.
       filter: of all agents at once.
       draws: of a particle filter.
     """
 
+    name: str
     filter: AdaptiveUnscentedFilter | ParticleFilter
     draws: ParticleDraws | None
 
-    def step(self, belief: Any, torque: Array, reading: Array, dt: float) -> Watched:
-        """Believe on from `belief`, or begin if it is None, of a reading of sigma (trials, agents, 3).
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its own."""
+        return (self.name,)
+
+    @property
+    def thresholds(self) -> tuple[None, ...]:
+        """It declares no faults."""
+        return (None,)
+
+    @property
+    def space(self) -> StateSpace:
+        """Error coordinates of its covariance."""
+        return self.filter.space
+
+    def initial(self, reading: Array) -> Watched:
+        """Begin with a reading of sigma, (trials, agents, 3)."""
+        return self._step(None, None, reading, 0.0)
+
+    def step(self, belief: Watched, known: Array, reading: Array, dt: float) -> Watched:
+        """Believe on after `dt` seconds of torques, (trials, agents, 3) N m, or with stored momentum (..., 6), and a reading of sigma.
 
         An agent's filter that is lost, whose particles or estimate are further than `LOST` from what is read, begins anew.
         """
+        return self._step(belief.belief, known, reading, dt)
+
+    def summary(self, belief: Watched) -> Belief:
+        """Its moments, (1, trials, agents, ...)."""
+        own = belief.belief
+        memory = FormationMemory(belief.lost[None], own.ess[None] if hasattr(own, "ess") else None)
+        mean, covariance, innovation, nis, likelihood, dof = (part[None] for part in own[:6])
+        return Belief(mean, covariance, innovation, nis, likelihood, dof, no_detection(nis), memory=memory)
+
+    def put_back(self, where: Flags, first: Watched, belief: Watched) -> Watched:
+        """The first belief in some trials, (trials,)."""
+        chosen: Watched = choose(where, first, belief)
+        return chosen
+
+    def rewind(self) -> None:
+        """Take the last step's random numbers again at the next one."""
+        if self.draws is not None:
+            self.draws.rewind()
+
+    def blame(self, failure: LostDefiniteness) -> tuple[int, str]:
+        """The trial, and the filter's name and agent."""
+        agent = f" of agent {failure.where[1] + 1}" if len(failure.where) > 1 else ""
+        return failure.where[0] if failure.where else 0, f"filter {self.name}{agent}: {failure.what}"
+
+    def _step(self, belief: Any, torque: Any, reading: Array, dt: float) -> Watched:
+        """Believe on from `belief`, or begin if it is None, of a reading of sigma (trials, agents, 3)."""
         lead = reading.shape[:-1]
         if isinstance(self.filter, ParticleFilter):
             assert self.draws is not None
@@ -79,7 +134,7 @@ def _lost(state: Array, reading: Array) -> Flags:
     return np.logical_not(near & (np.abs(state[..., 3:]) < LOST_RATE).all(axis=-1))
 
 
-def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, seed: int, trials: Trials) -> Observer:
+def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Parameters, seed: int, trials: Trials) -> AgentsFilter:
     """The filter that a scenario describes; it believes in the formation's inertias on board."""
     process = AttitudeByRodrigues(plant.believed_inertia[:, None])  # one more axis: sigma points or particles
     rate = settings.rate_process_deviation or settings.process_deviation
@@ -100,9 +155,9 @@ def observer(name: str, settings: AukfSettings | PfSettings, plant: Parameters, 
             space=Euclidean(),
             measurement=sigma,
         )
-        return Observer(filtered, ParticleDraws.of(name, seed, trials, plant.agents, settings.particles, 6))
+        return AgentsFilter(name, filtered, ParticleDraws.of(name, seed, trials, plant.agents, settings.particles, 6))
     law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
     spread = settings.alpha, settings.beta, settings.kappa
     covariance = noise.matrix @ noise.matrix.T
     unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
-    return Observer(AdaptiveUnscentedFilter(unscented, noise, law), None)
+    return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, law), None)

@@ -48,6 +48,10 @@ class DrawBlocks:
         step, self._next = self._next, self._next + 1
         return Draws(*(array[:, step] for array in self._block))
 
+    def rewind(self) -> None:
+        """Give the last step's numbers again."""
+        self._next -= 1
+
     def _draw(self) -> tuple[Array, ...]:
         lead = (len(self.trials), self._steps, self.particles)
         normals, uniforms = np.empty((*lead, self.size)), np.empty(lead)

@@ -108,8 +108,8 @@ Fault = Annotated[
 ]
 
 
-class Occurrence(NamedTuple):
-    """One event as it happens."""
+class Happening(NamedTuple):
+    """One event as it happens, in every trial."""
 
     start_tick: int
     end_tick: int
@@ -132,7 +132,7 @@ class FormationFaults:
     delay: NDArray[np.int64]  # (ticks,) in ticks
     cut: Flags  # (ticks, messages) of the graph's ways
     wheels: Array  # (ticks, agents, wheels) share that each wheel's drive gives
-    occurrences: tuple[Occurrence, ...]
+    occurrences: tuple[Happening, ...]
 
     def gains_at(self, tick: int) -> Gains:
         """Of every agent's law."""
@@ -158,7 +158,7 @@ def schedule(
         cut=np.zeros((ticks, len(graph.ways)), dtype=bool),
         wheels=np.ones((ticks, agents, wheels)),
         occurrences=tuple(
-            Occurrence(round(fault.start_s / dt), min(ticks, round(fault.end_s / dt)), fault.kind, _text(fault)) for fault in faults
+            Happening(round(fault.start_s / dt), min(ticks, round(fault.end_s / dt)), fault.kind, _text(fault)) for fault in faults
         ),
     )
     for fault, occurrence in zip(faults, out.occurrences, strict=True):

@@ -1,140 +1,98 @@
-"""From a scenario to the parts of its closed loop, for a set of trials."""
+"""From a scenario of any kind to the parts of one of its closed loops, for a set of trials."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from control.tracking import Target
-from models.attitude import quaternion
-from models.attitude.euler_angles import from_euler_313
-from models.dynamics.unmodelled_torque import UnmodelledTorque
-from models.dynamics.wheel_faults import WheelFault
+from estimation.state_space import Euclidean, StateSpace
+from models.plants.agents import compile_agents as compile_planar
 from models.plants.assembly import Assembly
-from models.plants.monolithic import MonolithicParameters
-from models.plants.nacs import BALANCE_MASSES, NacsParameters
-from sim import randomness
-from sim.estimators.filter_banks import Models, build_banks
-from sim.estimators.learning_settings import Learning, compensates
-from sim.estimators.settings import Imm
-from sim.faults.timeline import schedule
-from sim.loop.one_body import System
+from sim.loop.body import body_estimators, build_body
+from sim.loop.closed_loop import System
+from sim.loop.consensus import build_consensus, consensus_estimators
+from sim.loop.formation import build_formation, formation_estimators
+from sim.loop.recorder import MULTIPLICATIVE
 from sim.loop.variants import Variants
-from sim.plant.batch import Plant
+from sim.parts import Estimator
+from sim.plant.formation import Parameters, compile_agents
 from sim.plant.kinds import compile_plant
-from sim.randomness import Stream
-from sim.scenario.one_body import Scenario, StartSettings
-from sim.sensors.sensors import SensorArrays, Sensors, draw_noise
-from sim.user_code.guests import Guests
+from sim.randomness import Trials
+from sim.scenario.consensus import ConsensusScenario
+from sim.scenario.files import AnyScenario
+from sim.scenario.formation import FormationScenario
+from sim.scenario.one_body import Scenario
+from sim.user_code.user_code import UserCode
 
-Array = NDArray[np.floating]
+Builder = Callable[[Any, str, Trials, UserCode, Variants | None], System]
 
 
-def build(scenario: Scenario, trials: NDArray[np.int64], guests: Guests | None = None, variants: Variants | None = None) -> System:
-    """All parts of the one loop of a scenario for the given trial numbers; trial i is the same in any company.
+def build(
+    scenario: AnyScenario, trials: Trials, user_code: UserCode | None = None, variants: Variants | None = None, loop: str | None = None
+) -> System:
+    """All parts of a closed loop of a scenario for the given trial numbers; trial i is the same whatever the batch.
 
     Args:
       scenario: what is simulated, and what filters and controllers believe.
       trials: numbers of the trials, (trials,).
-      guests: the user's own filters and controller.
+      user_code: the user's own filters and controller.
       variants: plant, sensors, faults and start of each trial where they differ.
+      loop: its name; None: the first.
     """
-    guests, variants = guests or Guests(), variants or Variants.alike(scenario, len(trials))
-    run, parameters, law = scenario.run, scenario.plant, scenario.law
-    assembly = compile_plant(parameters)
-    inertia = parameters.believed_inertia if isinstance(parameters, MonolithicParameters) else assembly.inertia
-    wheels = len(assembly.wheel_joints)
-    models = Models.of(parameters)
-    target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
-    sensors = SensorArrays.of(variants.sensors)
-    faults = schedule(variants.faults, run.seed, trials, run.ticks, run.tick_s, wheels)
-    observer = scenario.observers.get(law.feedback)
-    modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
-    return System(
-        plant=_plant(assembly, scenario, variants, trials, target),
-        sensors=Sensors(sensors, draw_noise(sensors, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s),
-        faults=faults,
-        disturbance_B=_air(scenario, variants, trials),
-        drive_noise=_drive_noise(scenario, variants, trials, wheels),
-        target=target,
-        banks=build_banks(scenario.observers, models, scenario.sensors, wheels, run.seed, trials)
-        + guests.banks(models, scenario.sensors, wheels),
-        controller=guests.control(models, scenario.sensors, wheels) or law.controller(replace(assembly, inertia=inertia), run.tick_s),
-        allocation=law.allocator(assembly, modes),
-        feedback=law.feedback,
-        command_step_nm=_command_step(scenario, assembly),
-        trials=trials,
-        ticks=run.ticks,
-        dt=run.tick_s,
-        unmodelled=_unmodelled(scenario, variants),
-    )
+    return BUILDERS[scenario.family](scenario, loop or scenario.loop_names[0], trials, user_code or UserCode(), variants)
 
 
-def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> Array:
-    """Torque of the air flow round a testbed, (ticks, trials, 3) N m in B."""
-    run = scenario.run
-    if not isinstance(scenario.plant, NacsParameters):
-        return np.zeros((run.ticks, len(trials), 3))
-    return randomness.gauss_markov(
-        randomness.normals(run.seed, trials, Stream.AIR, run.ticks, 3),
-        variants.plant_values("air_torque_nm")[:, None],
-        variants.plant_values("air_torque_correlation_s")[:, None],
-        run.tick_s,
-    )
+def build_estimators(scenario: AnyScenario, trials: Trials, user_code: UserCode, loop: str) -> tuple[Estimator, ...]:
+    """The estimators of a closed loop alone, as `build` makes them."""
+    return ESTIMATORS[scenario.family](scenario, loop, trials, user_code)
 
 
-def _unmodelled(scenario: Scenario, variants: Variants) -> UnmodelledTorque | None:
-    """The torque that each trial's testbed has and no filter knows, if somebody learns it or knows it from the truth."""
-    if not (compensates(scenario.law) or any(isinstance(o, Learning) for o in scenario.observers.values())):
-        return None
-    value = variants.plant_values
-    return UnmodelledTorque(
-        weight=value("mass_kg") * value("gravity_m_s2"),
-        centre_of_mass=1e-6 * value("centre_of_mass_um"),
-        wheel_axes=scenario.plant.wheel_axes,
-        wheel_coulomb=value("wheel_coulomb_nm"),
-        wheel_viscous=value("wheel_viscous_nms"),
-        bearing_viscous=value("bearing_viscous_nms"),
-    )
+def assembly_of(scenario: AnyScenario) -> Assembly:
+    """The compiled plant of a scenario."""
+    return ASSEMBLIES[scenario.family](scenario)
 
 
-def _drive_noise(scenario: Scenario, variants: Variants, trials: NDArray[np.int64], wheels: int) -> Array:
-    """Torque errors of a testbed's drives, (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels."""
-    run = scenario.run
-    if not isinstance(scenario.plant, NacsParameters):
-        return np.zeros((run.ticks, len(trials), wheels or 3))
-    return variants.plant_values("drive_torque_noise_nm")[:, None] * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels)
+def errors_of(scenario: AnyScenario) -> StateSpace:
+    """Coordinates in which estimates are held against the truth."""
+    return ERRORS[scenario.family]
 
 
-def _command_step(scenario: Scenario, assembly: Assembly) -> float:
-    """Least step of the torque set-point, N m; 0: none."""
-    bits = scenario.plant.command_bits if isinstance(scenario.plant, NacsParameters) else 0
-    return 2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0
+def _body(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_body(scenario.singles()[loop], trials, user_code, variants)
 
 
-def _attitude(start: StartSettings, target: Target) -> Array:
-    """Attitude (4,) that a start is near."""
-    if start.quaternion is not None:
-        return quaternion.normalize(np.array(start.quaternion))
-    return target.q_DN[0] if start.euler_313_deg is None else from_euler_313(np.radians(start.euler_313_deg))
+def _formation(scenario: FormationScenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_formation(scenario, loop, _compiled(scenario.plant), trials, user_code)
 
 
-def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: NDArray[np.int64], target: Target) -> Plant:
-    """The plant at the start: each trial's own, near the attitude that is given or the reference's."""
-    plant = Plant(assembly, len(trials))
-    dispersion = variants.dispersion(scenario.plant)
-    if dispersion is not None:
-        plant.disperse(dispersion)
-    spread = np.radians([[start.attitude_error_deg] for start in variants.starts])
-    turn = spread * randomness.normals(scenario.run.seed, trials, Stream.START, 1, 3)[0]
-    near = np.stack([_attitude(start, target) for start in variants.starts])
-    attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), near)
-    rate = np.array([np.radians(start.rate_deg_s) if start.rate_rad_s is None else start.rate_rad_s for start in variants.starts])
-    speeds = np.array([start.wheel_speed_rad_s for start in variants.starts])[:, : len(assembly.wheel_joints)]
-    plant.start(attitude, rate, speeds)
-    if isinstance(scenario.plant, NacsParameters):
-        for name, position in zip(BALANCE_MASSES, 1e-3 * variants.plant_values("balance_position_mm").T, strict=True):
-            plant.hold(name, position)
-    return plant
+def _consensus(scenario: ConsensusScenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
+    return build_consensus(scenario, loop, trials, user_code)
+
+
+def _compiled(parameters: Parameters) -> Assembly:
+    """All loops of a scenario share one model."""
+    return _compiled_from(type(parameters), parameters.model_dump_json())
+
+
+@lru_cache(maxsize=2)
+def _compiled_from(kind: type[Parameters], said: str) -> Assembly:
+    return compile_agents(kind.model_validate_json(said))
+
+
+def _body_estimators(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    return body_estimators(scenario.singles().get(loop, scenario), trials, user_code)
+
+
+ESTIMATORS: dict[str, Callable[[Any, str, Trials, UserCode], tuple[Estimator, ...]]] = {
+    "body": _body_estimators,
+    "formation": formation_estimators,
+    "consensus": consensus_estimators,
+}
+ASSEMBLIES: dict[str, Callable[[Any], Assembly]] = {
+    "body": lambda scenario: compile_plant(scenario.plant),
+    "formation": lambda scenario: _compiled(scenario.plant),
+    "consensus": lambda scenario: compile_planar(scenario.plant),
+}
+ERRORS: dict[str, StateSpace] = {"body": MULTIPLICATIVE, "formation": Euclidean(), "consensus": Euclidean()}
+BUILDERS: dict[str, Builder] = {"body": _body, "formation": _formation, "consensus": _consensus}

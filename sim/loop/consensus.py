@@ -1,60 +1,186 @@
-"""The loop of agents that follow a leader: read, learn, command, push, record."""
+"""The closed loop of agents in the plane that learn what moves them while they follow a leader, from its scenario."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimation.choice import choose
-from estimation.gaussian import LostDefiniteness
+from control.terminal_sliding_mode import Sliding, TerminalSlidingMode, lumped
+from estimation.state_space import Euclidean
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
 from models.plants.agents import AGENTS, compile_agents, disturbance
-from sim.estimators.consensus import Acted, learner
-from sim.plant.batch import SimulationFailed
-from sim.plant.planar_agents import AgentsPlant
-from sim.randomness import Trials, generator
-from sim.scenario.consensus import Adaptive, CommandFault, ConsensusScenario, DisturbanceFault, DynamicsFault, Exact, LoopSettings
+from sim.estimators.consensus import Acted, Learned, learner
+from sim.estimators.learner_settings import Adaptive, Exact
+from sim.formation_randomness import Blocks, FormationStream
+from sim.loop.closed_loop import System
+from sim.network.messages import Heard, LinkFaults, Network
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.plant.planar_agents import AgentsPlant, PlanarTruth
+from sim.randomness import Trials
+from sim.scenario.consensus import CommandFault, ConsensusScenario, DisturbanceFault, DynamicsFault
+from sim.sensors.planar import PlanarSensors
+from sim.user_code.laws import PlanarUserLaw
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
-Array = NDArray[np.floating]
-
-PUSHES = ("force", "unknown", "learned")
-LOST = np.array([1e3, 1e3, 4e2, 4e2])  # m, m/s: a trial with an agent beyond that is lost; its network's polynomials would soon overflow
+LIMIT = np.array([1e3, 1e3, 4e2, 4e2])  # m, m/s: a trial with an agent beyond that is lost; its network's polynomials would soon overflow
 NETWORK = ChebyshevNetwork()
 
 
-class Stream(IntEnum):
-    """Purposes of random numbers of this family."""
+class FlownOff:
+    """A trial is lost once one of its agents has flown off."""
 
-    READING = 2000
+    def judge(self, lost: Flags, truth: PlanarTruth) -> Flags:
+        """Those that were lost, and those beyond the limit now."""
+        return lost | (np.abs(truth.state) > LIMIT).any(axis=(-2, -1))
+
+
+class ConsensusEstimate(NamedTuple):
+    """What each agent believes of itself."""
+
+    learned: Learned
+    unknown: Array  # f + d as it is, (trials, agents, 2) N
+    known: Array  # the same as believed
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """What one loop left behind: arrays (ticks, trials, agents, ...), and the leader (ticks, 2).
+class ConsensusFeedback:
+    """Tells the agents' law their motion and what they have learned.
 
-    Channels: `truth` [x, v], `estimate` [x, v], `force` (the command), `unknown` (f + d as applied), `learned` (W phi). A trial in which
-    an agent flew off is lost: from then on no force acts in it, and everything but `truth` is NaN.
+    Attributes:
+      scenario: whose forces act.
+      exact: the law knows f + d.
+      dt: control period, s.
     """
 
+    scenario: ConsensusScenario
+    exact: bool
     dt: float
-    trials: Trials
-    leader: Array
-    leader_rate: Array
-    channels: dict[str, Array]
 
-    @property
-    def time(self) -> Array:
-        """Of every tick, (ticks,) s."""
-        return self.dt * np.arange(len(self.leader))
+    def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: PlanarTruth, reading: Array, held: Array) -> ConsensusEstimate:
+        """What each agent acts on."""
+        learned: Learned = beliefs[0]
+        unknown = unknown_force(self.scenario, truth.state, tick * self.dt)
+        known = unknown if self.exact else NETWORK.output(learned.weights, learned.motion)
+        return ConsensusEstimate(learned, unknown, known)
 
-    def of(self, kept: NDArray[np.int64]) -> Flown:
-        """The same of some trials, by position."""
-        return Flown(self.dt, self.trials[kept], self.leader, self.leader_rate, {k: v[:, kept] for k, v in self.channels.items()})
+
+@dataclass(frozen=True, eq=False)
+class ConsensusLaw:
+    """The terminal sliding mode law of all agents.
+
+    Attributes:
+      law: on the graph.
+      scenario: whose leader is followed.
+      dt: control period, s.
+      user: a user's law in its place.
+    """
+
+    law: TerminalSlidingMode
+    scenario: ConsensusScenario
+    dt: float
+    user: PlanarUserLaw | None = None
+
+    def start(self, estimate: ConsensusEstimate) -> None:
+        """Nothing is remembered."""
+
+    def says(self, tick: int, estimate: ConsensusEstimate, memory: None) -> Array:
+        """Motion of the leader and of each agent, as it believes, (trials, 1 + agents, 4)."""
+        leader = np.concatenate(leader_motion(self.scenario, np.array(tick * self.dt)))
+        motion = estimate.learned.motion
+        return np.concatenate([np.broadcast_to(leader, (len(motion), 1, len(leader))), motion], axis=1)
+
+    def decide(self, tick: int, estimate: ConsensusEstimate, messages: Heard, memory: None) -> Decision:
+        """Force on each agent, (trials, agents, 2) N."""
+        motion = estimate.learned.motion
+        if self.user is not None:
+            sliding = self.user.step(motion, messages, estimate.known)
+        else:
+            sliding = self.law.step(lumped(motion, messages.messages, messages.listening), estimate.known)
+        return Decision(sliding.force, None, {"sliding": sliding})
+
+
+@dataclass(frozen=True, eq=False)
+class ConsensusEffectors:
+    """Commands that are replaced by faults, and forces that nobody knows.
+
+    Attributes:
+      scenario: whose faults and forces they are.
+      dt: control period, s.
+      trials: how many.
+    """
+
+    scenario: ConsensusScenario
+    dt: float
+    trials: int
+
+    def rest(self) -> Given:
+        """No force."""
+        nothing = np.zeros((self.trials, AGENTS, 2))
+        return Given(np.zeros((1, 0)), nothing, Acted(nothing, nothing), None, {})
+
+    def give(self, tick: int, decision: Decision, estimate: ConsensusEstimate, held: Array, before: Given, lost: Flags) -> Given:
+        """The force of every agent until the next tick; in a trial that is lost none acts any more."""
+        sliding: Sliding = decision.notes["sliding"]
+        force, now = decision.effort, tick * self.dt
+        for fault in self.scenario.faults:
+            if isinstance(fault, CommandFault) and fault.start_s - 1e-9 <= now < fault.end_s - 1e-9:
+                force = -estimate.known - sliding.robust + fault.constant_n
+        moving = ~lost[:, None, None]
+
+        def push(motion: Array, instant: float) -> Array:
+            return np.where(moving, unknown_force(self.scenario, motion, instant) + force, 0.0)
+
+        return Given(np.zeros((1, 0)), push, Acted(force, sliding.surface), None, {"force": force})
+
+
+def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
+    """What is recorded of a tick, (trials, agents, ...)."""
+    estimate: ConsensusEstimate = now.estimate
+    return {
+        "truth/qpos": now.truth.qpos,
+        "reading": now.reading,
+        "estimate": estimate.learned.motion,
+        "force": now.given.notes["force"],
+        "known": np.concatenate([now.given.known.force, now.given.known.surface], axis=-1),
+        "unknown": estimate.unknown,
+        "learned": estimate.known,
+    }
+
+
+def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> System:
+    """All parts of one loop of a scenario, for the given trial numbers."""
+    settings, run = scenario.loops[name], scenario.run
+    dt = settings.tick_s if isinstance(settings, Adaptive) else run.tick_s
+    inner = round(run.tick_s / dt)
+    parameters = scenario.plant.model_copy(update={"step_s": min(scenario.plant.step_s, dt)})
+    plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
+    graph = scenario.graph.build()
+    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
+    user_law = user_code.control(surroundings(scenario))
+    leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
+    deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
+    return System(
+        plant=plant,
+        sensors=PlanarSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4))),
+        estimators=consensus_estimators(scenario, name, trials, user_code),
+        feedback=ConsensusFeedback(scenario, isinstance(settings, Exact), dt),
+        network=Network(graph, LinkFaults.none(run.ticks * inner, graph), losses, skip=False),
+        law=ConsensusLaw(scenario.control.build(), scenario, dt, PlanarUserLaw(user_law) if user_law else None),
+        effectors=ConsensusEffectors(scenario, dt, len(trials)),
+        change=lambda tick: None,
+        trials=trials,
+        ticks=run.ticks * inner,
+        dt=dt,
+        channels=_channels,
+        references={"leader": leader, "leader_rate": leader_rate},
+        every=inner,
+        errors=Euclidean(),
+        loss=FlownOff(),
+    )
 
 
 def leader_motion(scenario: ConsensusScenario, time: Array) -> tuple[Array, Array]:
@@ -77,65 +203,8 @@ def unknown_force(scenario: ConsensusScenario, motion: Array, time: float) -> Ar
     return scenario.plant.unknown_force(motion, gain) + pushed
 
 
-def fly(
-    name: str, settings: LoopSettings, scenario: ConsensusScenario, trials: Trials, on_tick: Callable[[int], None] | None = None
-) -> Flown:
-    """Fly one loop, all trials together.
-
-    Raises:
-      SimulationFailed: the physics or a filter broke down; says which trial, when and why.
-    """
-    ticks, tick_s = scenario.run.ticks, scenario.run.tick_s
-    dt = settings.tick_s if isinstance(settings, Adaptive) else tick_s
-    inner = round(tick_s / dt)
-    step_s = min(scenario.plant.step_s, dt)
-    parameters = scenario.plant.model_copy(update={"step_s": step_s})
-    plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
-    process, law = PlanarAgent(NETWORK, parameters.mass_kg), scenario.control.build(scenario.graph.build())
-    learning = learner(name, settings, scenario, process, trials)
-    commanded = [fault for fault in scenario.faults if isinstance(fault, CommandFault)]
-    time = tick_s * np.arange(ticks)
-    leader, leader_rate = leader_motion(scenario, time)
-    deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
-    sources = [generator(scenario.run.seed, int(trial), Stream.READING) for trial in trials]
-    shape = (ticks, len(trials), AGENTS)
-    channels = {key: np.full((*shape, size), np.nan) for key, size in (("truth", 4), ("estimate", 4), *((k, 2) for k in PUSHES))}
-
-    acted = Acted(np.zeros((len(trials), AGENTS, 2)), np.zeros((len(trials), AGENTS, 2)))
-    learned, first, lost = None, None, np.zeros(len(trials), dtype=bool)
-    for k in range(ticks * inner):
-        now = k * dt
-        truth: Array = plant.motion()
-        reading = truth + deviation * np.stack([source.standard_normal((AGENTS, 4)) for source in sources])
-        lost = lost | (np.abs(truth) > LOST).any(axis=(-2, -1))
-        if lost.any() and first is not None:  # what the learner of a lost trial does is of no interest, but must not fail
-            learned, reading = choose(lost, first, learned), choose(lost, first.motion, reading)
-            acted = choose(lost, Acted(np.zeros_like(acted.force), np.zeros_like(acted.surface)), acted)
-        try:
-            learned = learning.start(reading) if learned is None else learning.step(learned, acted, reading, dt)
-            first = first or learned
-        except LostDefiniteness as failure:
-            trial, agent = failure.where[:2]
-            raise SimulationFailed(int(trials[trial]), now, f"{name}: the {failure.what} of agent {agent + 1} lost definiteness") from None
-        place, speed = leader_motion(scenario, np.array(now))
-        unknown = unknown_force(scenario, truth, now)
-        known = unknown if isinstance(settings, Exact) else NETWORK.output(learned.weights, learned.motion)
-        sliding = law.step(learned.motion[..., :2] - place, learned.motion[..., 2:] - speed, known)
-        force = sliding.force
-        for fault in commanded:
-            if fault.start_s - 1e-9 <= now < fault.end_s - 1e-9:
-                force = -known - sliding.robust + fault.constant_n
-        acted = Acted(force, sliding.surface)
-        if k % inner == 0:
-            row = k // inner
-            for key, value in zip(channels, (truth, learned.motion, force, unknown, known), strict=True):
-                channels[key][row] = value if key == "truth" else choose(lost, np.full_like(value, np.nan), value)
-            if on_tick:
-                on_tick(row)
-        moving = ~lost[:, None, None]
-
-        def push(motion: Array, instant: float, held: Array = force, moving: NDArray[np.bool_] = moving) -> Array:
-            return np.where(moving, unknown_force(scenario, motion, instant) + held, 0.0)
-
-        plant.slide(push, round(dt / step_s))
-    return Flown(tick_s, trials, leader, leader_rate, channels)
+def consensus_estimators(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    """How one loop of a scenario learns, and the user's filters."""
+    process, settings = PlanarAgent(NETWORK, scenario.plant.mass_kg), scenario.loops[name]
+    learning = learner(name, settings, scenario.tuning, process, scenario.run.seed, trials)
+    return (learning, *user_code.filters(surroundings(scenario)))

@@ -1,157 +1,280 @@
-"""The closed loop of a formation, tick by tick: measure, observe, tell the neighbours, command, inject faults, step, record."""
+"""The closed loop of a formation, from its scenario: attitudes by modified Rodrigues parameters, messages, drives, and what is recorded."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from control.formation_law import FormationLaw
-from estimation.gaussian import LostDefiniteness
 from estimation.leader_acceleration import LeaderAccelerationFilter
+from estimation.state_space import Euclidean
 from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
-from sim.controllers.drives import Given, effectors
-from sim.estimators.formation import Observer, Watched, observer
-from sim.faults.formation import FormationFaults, Occurrence, schedule
+from sim.controllers.drives import Drives, Stored, effectors
+from sim.controllers.drives import Effectors as FormationDrives
+from sim.estimators.formation import agents_filter
+from sim.faults.formation import FormationFaults, schedule
+from sim.faults.timeline import Occurrence
 from sim.formation_randomness import Blocks, FormationStream
-from sim.network.messages import Network
-from sim.plant.batch import SimulationFailed, Truth
-from sim.plant.formation import FormationPlant, formation_plant
+from sim.loop.closed_loop import System
+from sim.network.messages import Heard, LinkFaults, Network
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.plant.formation import AgentsTruth, FormationPlant, formation_plant
 from sim.randomness import Trials
-from sim.scenario.formation import FormationScenario, LoopSettings
+from sim.scenario.formation import FormationScenario
+from sim.sensors.rodrigues import RodriguesSensors
+from sim.user_code.laws import FormationUserLaw
+from sim.user_code.surroundings import surroundings
+from sim.user_code.user_code import UserCode
 
-Array = NDArray[np.floating]
+
+class FormationEstimate(NamedTuple):
+    """What each agent believes of itself."""
+
+    state: Array  # true [sigma, v], (trials, agents, 6)
+    own: Array  # the same as believed, of the shadow set where that is asked for
+    innovation: Array | float  # sigma read minus sigma believed, (trials, agents, 3)
+    stored: Array | None  # momentum that wheels hold, as believed, (trials, agents, 3) N m s
+    read: Array | None  # the same as read
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """What one loop left: figures of every trial at every tick, and all of the recorded trials.
+class FormationFeedback:
+    """Tells the agents' laws their states: an observer, or the truth.
 
     Attributes:
-      loop: its name.
-      dt: of a tick, s.
-      trials: numbers of all trials, (trials,).
-      recorded: numbers of the recorded ones.
-      places: of the agents, (agents, 3) m.
-      ways: receiver and sender (0: the leader) of each message, (messages, 2).
-      weights: of each message, (messages,).
+      source: an observer's name, or `truth`.
+      estimators: all of the loop.
+      drives: whose wheels hold momentum.
+      shadow: attitudes are taken of the set with |sigma| <= 1.
+    """
+
+    source: str
+    estimators: tuple[Estimator, ...]
+    drives: FormationDrives
+    shadow: bool
+
+    def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: AgentsTruth, reading: Array, held: Array) -> FormationEstimate:
+        """What each agent acts on; to be called once a tick, since tachometers are read."""
+        state, true = truth.state, self.source == "truth"
+        believed = state if true else self._believed(beliefs)
+        stored: Stored | None = self.drives.stored(truth)
+        return FormationEstimate(
+            state=state,
+            own=_shorter(believed) if self.shadow else believed,
+            innovation=0.0 if true else reading - believed[..., :3],
+            stored=None if stored is None else stored.true if true else stored.read,
+            read=None if stored is None else stored.read,
+        )
+
+    def _believed(self, beliefs: tuple[Any, ...]) -> Array:
+        names = [estimator.names[0] for estimator in self.estimators]
+        index = names.index(self.source)
+        mean: Array = self.estimators[index].summary(beliefs[index]).mean[0]
+        return mean
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkedLaw:
+    """The law of a formation, and the filter of the leader's acceleration, which is what it remembers.
+
+    Attributes:
+      law: of all agents.
+      follow: the filter.
+      faults: that change gains.
       leader: [sigma, rate, second derivative], (ticks, 9).
-      occurrences: events.
-      figures: by name, (ticks, trials).
-      channels: of the recorded trials by name, (ticks, recorded, ...).
+      dt: s.
     """
 
-    loop: str
-    dt: float
-    trials: Trials
-    recorded: Trials
-    places: Array
-    ways: NDArray[np.int64]
-    weights: Array
+    law: FormationLaw | FormationUserLaw
+    follow: LeaderAccelerationFilter
+    faults: FormationFaults
     leader: Array
-    occurrences: tuple[Occurrence, ...]
-    figures: dict[str, Array] = field(default_factory=dict)
-    channels: dict[str, Array] = field(default_factory=dict)
+    dt: float
 
-    @property
-    def time(self) -> Array:
-        """Of every tick, (ticks,) s."""
-        return self.dt * np.arange(len(self.leader))
+    def start(self, estimate: FormationEstimate) -> Array:
+        """No acceleration, (trials, agents, 3)."""
+        return np.zeros((*estimate.own.shape[:-1], 3))
+
+    def says(self, tick: int, estimate: FormationEstimate, memory: Array) -> Array:
+        """State and acceleration of the leader and of each agent, (trials, 1 + agents, 9)."""
+        spoken = np.concatenate([estimate.own, memory], axis=-1)
+        return np.concatenate([np.broadcast_to(self.leader[tick], (len(spoken), 1, 9)), spoken], axis=1)
+
+    def decide(self, tick: int, estimate: FormationEstimate, messages: Heard, memory: Array) -> Decision:
+        """Torque on each body, (trials, agents, 3) N m in B."""
+        heard, listening, gains = messages.messages, messages.listening, self.faults.gains_at(tick)
+        torque = self.law.step(estimate.own, heard[..., :6], listening, memory, estimate.innovation, gains, estimate.stored)
+        return Decision(torque, self.follow.step(memory, heard[..., 6:], listening, self.dt), {})
 
 
-def fly(
-    scenario: FormationScenario,
-    name: str,
-    assembly: Assembly,
-    trials: Trials,
-    recorded: Trials,
-    on_tick: Callable[[int], None] | None = None,
-) -> Flown:
-    """Fly one loop of a scenario.
+@dataclass(frozen=True, eq=False)
+class FormationEffectors:
+    """Commands that are replaced by faults, and the drives that carry them out.
 
-    Raises:
-      SimulationFailed: the physics or a filter broke down; says trial, time and cause.
+    Attributes:
+      drives: of all agents.
+      faults: of commands, and torques from outside.
+      dt: s.
+      shape: (trials, agents).
+      wheels: of each agent.
     """
-    loop, graph, ticks, dt = scenario.loops[name], scenario.communication(), scenario.run.ticks, scenario.run.tick_s
+
+    drives: FormationDrives
+    faults: FormationFaults
+    dt: float
+    shape: tuple[int, int]
+    wheels: int
+
+    def rest(self) -> Given:
+        """No torque."""
+        trials, agents = self.shape
+        known = np.zeros((trials, agents, 6 if self.wheels else 3))
+        return Given(np.zeros((trials, agents * self.wheels)), np.zeros((trials, agents, 3)), known, None, {})
+
+    def give(self, tick: int, decision: Decision, estimate: FormationEstimate, held: Array, before: Given, lost: Flags) -> Given:
+        """Carry out the torques; filters know those of the laws, and the momentum that was read in wheels."""
+        torque = decision.effort
+        applied = np.where(np.isnan(self.faults.command[tick]), torque, self.faults.command[tick])
+        given = self.drives.give(tick, applied, push(self.faults.disturbance[tick], tick * self.dt))
+        known = torque if estimate.read is None else np.concatenate([torque, estimate.read], axis=-1)
+        return Given(given.wheel, given.body, known, None, {"applied": applied})
+
+
+@dataclass(frozen=True, eq=False)
+class FormationRecord:
+    """What is recorded of a tick.
+
+    Attributes:
+      leader: (ticks, 9).
+      estimators: of the loop.
+      shadow: errors are those of the set with |sigma| <= 1.
+      wheels: of each agent.
+      limit_nm: of the torque about each body axis.
+    """
+
+    leader: Array
+    estimators: tuple[Estimator, ...]
+    shadow: bool
+    wheels: int
+    limit_nm: float
+
+    def channels(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
+        """Of the trials that are recorded, (trials, agents, ...)."""
+        state, received = now.estimate.state, now.messages.received
+        out: dict[str, AnyArray] = {
+            "truth/q_BN": modified_rodrigues.to_quaternion(state[..., :3]),
+            "reading": now.reading,
+            "torque_B": now.decision.effort,
+            "known": now.given.known,
+            "applied": now.given.notes["applied"],
+            "control/acceleration": now.memory,
+            "messages/received": np.broadcast_to(received, (len(state), received.shape[-1])),
+            "truth/qpos": now.truth.qpos,
+        }
+        if self.wheels:
+            lead = state.shape[:2]
+            out |= {"truth/wheel_speed": now.truth.omega_wheel.reshape(*lead, -1), "wheel_torque": now.given.wheel.reshape(*lead, -1)}
+        return out
+
+    def figures(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
+        """Of all trials, (trials,)."""
+        state, torque, leader = now.estimate.state, now.decision.effort, self.leader[tick]
+        shown = modified_rodrigues.shorter(state[..., :3]) if self.shadow else state[..., :3]
+        q_BN = modified_rodrigues.to_quaternion(state[..., :3])
+        q_0 = modified_rodrigues.to_quaternion(leader[:3])
+        row = {
+            "skae": np.sqrt(_squares(shown - leader[:3])),
+            "fkae": np.sqrt(apart_squared(shown)),
+            "station_angle": np.sqrt(np.mean(quaternion.angle(q_BN, q_0) ** 2, axis=-1)),
+            "formation_angle": formation_angle(q_BN),
+            "peak_torque": np.max(np.abs(torque), axis=(-2, -1)),
+            "acceleration_error": np.sqrt(_squares(now.memory - leader[6:])),
+        }
+        for estimator, belief in zip(self.estimators, now.beliefs, strict=True):
+            summary = estimator.summary(belief)
+            wrong = summary.mean[0, ..., 3:] - state[..., 3:]
+            row[f"{estimator.names[0]}/velocity_squared"] = _squares(wrong) / state.shape[-2]
+            if summary.memory is not None:
+                row[f"{estimator.names[0]}/lost"] = np.sum(summary.memory.restarted[0], axis=-1, dtype=float)
+        if self.wheels:
+            row |= {
+                "peak_wheel_speed": np.max(np.abs(now.truth.omega_wheel), axis=-1),
+                "saturated": np.mean((np.abs(torque) >= self.limit_nm).reshape(len(torque), -1), axis=-1),
+            }
+        return row
+
+
+@dataclass(frozen=True, eq=False)
+class FormationChange:
+    """Carries out faults that change the bodies.
+
+    Attributes:
+      plant: of all trials.
+      faults: that add inertia.
+      inertia: of the agents without faults, (agents, 3, 3) kg m2.
+    """
+
+    plant: FormationPlant
+    faults: FormationFaults
+    inertia: Array
+
+    def __call__(self, tick: int) -> None:
+        """What changes at a tick."""
+        added = self.faults.inertia
+        if np.any(added[tick] != (added[tick - 1] if tick else 0.0)):
+            self.plant.set_inertias(self.inertia + np.diag(added[tick]))
+
+
+def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, trials: Trials, user_code: UserCode) -> System:
+    """All parts of one loop of a scenario, for the given trial numbers."""
+    loop, run, parameters, graph = scenario.loops[name], scenario.run, scenario.plant, scenario.communication()
+    ticks, dt, agents = run.ticks, run.tick_s, parameters.agents
     faults = schedule(scenario.faults, ticks, dt, graph, loop.law.gains, scenario.reading_deviation, scenario.wheels)
     leader = scenario.leader.motion(dt * np.arange(ticks))
-    weights = graph.listening[graph.ways[:, 0], graph.ways[:, 1]]
-    flown = Flown(name, dt, trials, recorded, scenario.plant.places, graph.ways, weights, leader, faults.occurrences)
-    try:
-        _fly(scenario, loop, faults, formation_plant(scenario.plant, assembly, len(trials)), flown, on_tick)
-    except SimulationFailed as failure:
-        failure.trial = int(trials[failure.trial])
-        raise
-    return flown
-
-
-def _fly(
-    scenario: FormationScenario,
-    loop: LoopSettings,
-    faults: FormationFaults,
-    plant: FormationPlant,
-    flown: Flown,
-    on_tick: Callable[[int], None] | None,
-) -> None:
-    """The loop itself; a trial's number in an exception is its position."""
-    run, parameters, trials = scenario.run, scenario.plant, flown.trials
-    steps, agents = round(run.tick_s / plant.step_s), parameters.agents
-    law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
-    follow = LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign))
-    noise = Blocks(run.seed, trials, FormationStream.READING, (agents, 3))
-    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(flown.ways),), uniform=True)
-    drives = effectors(parameters, agents, faults, run.seed, trials, run.tick_s)
-    network = Network(scenario.communication(), faults, losses, scenario.graph.when_lost == "skip")
-    watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o != "truth"]
-    observers = {o: observer(o, scenario.observers[o], parameters, run.seed, trials) for o in watching}
-    beliefs: dict[str, Any] = dict.fromkeys(watching)
-    lost: dict[str, NDArray[np.bool_]] = {}
-    kept = np.isin(trials, flown.recorded)
-
+    plant = formation_plant(parameters, assembly, len(trials))
     first = modified_rodrigues.shorter(scenario.starts) if loop.shadow else scenario.starts
     plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(()))
-    told: Array = np.zeros((len(trials), agents, 3))  # to filters, of the tick before
-    acceleration: Array = np.zeros((len(trials), agents, 3))
-    for k in range(run.ticks):
-        truth = plant.truth()
-        state = state_of(truth)
-        reading = state[..., :3] + faults.bias[k] + faults.deviation[k] * noise.tick()
-        for o in watching:
-            beliefs[o], lost[o] = _observe(observers[o], beliefs[o], told, reading, run.tick_s, o, k)
-        believed = state if loop.feedback == "truth" else beliefs[loop.feedback].mean
-        surprise = 0.0 if loop.feedback == "truth" else reading - believed[..., :3]
-
-        own = _shorter(believed) if loop.shadow else believed
-        spoken = np.concatenate([own, acceleration], axis=-1)
-        said = np.broadcast_to(flown.leader[k], (len(trials), 1, 9))
-        heard = network.carry(k, np.concatenate([said, spoken], axis=1))
-        gains = faults.gains_at(k)
-        held = drives.stored(truth)
-        stored = None if held is None else held.true if loop.feedback == "truth" else held.read
-        torque = law.step(own, heard.messages[..., :6], heard.listening, acceleration, surprise, gains, stored)
-        applied = np.where(np.isnan(faults.command[k]), torque, faults.command[k])
-        given = drives.give(k, applied, push(faults.disturbance[k], k * run.tick_s))
-        told = torque if held is None else np.concatenate([torque, held.read], axis=-1)
-
-        _record(flown, k, kept, state, reading, beliefs, lost, torque, applied, acceleration, heard.received, loop.shadow)
-        if scenario.wheels:
-            _record_wheels(flown, k, kept, truth, given, torque, parameters.torque_limit_nm)
-        if on_tick:
-            on_tick(k)
-        if np.any(faults.inertia[k] != (faults.inertia[k - 1] if k else 0.0)):
-            plant.set_inertias(parameters.inertia + np.diag(faults.inertia[k]))
-        plant.advance(given.wheel, given.body, steps)
-        acceleration = follow.step(acceleration, heard.messages[..., 6:], heard.listening, run.tick_s)
+    drives: Drives | Any = effectors(parameters, agents, faults, run.seed, trials, dt)
+    estimators = formation_estimators(scenario, name, trials, user_code)
+    user_law = user_code.control(surroundings(scenario))
+    law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
+    record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm)
+    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
+    return System(
+        plant=plant,
+        sensors=RodriguesSensors(faults, Blocks(run.seed, trials, FormationStream.READING, (agents, 3))),
+        estimators=estimators,
+        feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),
+        network=Network(graph, LinkFaults(faults.loss, faults.delay, faults.cut), losses, scenario.graph.when_lost == "skip"),
+        law=NetworkedLaw(
+            FormationUserLaw(user_law) if user_law else law,
+            LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign)),
+            faults,
+            leader,
+            dt,
+        ),
+        effectors=FormationEffectors(drives, faults, dt, (len(trials), agents), scenario.wheels),
+        change=FormationChange(plant, faults, parameters.inertia),
+        trials=trials,
+        ticks=ticks,
+        dt=dt,
+        channels=record.channels,
+        figures=record.figures,
+        references={"leader": leader},
+        occurrences=tuple(Occurrence(trial, *event) for trial, _ in enumerate(trials) for event in faults.occurrences),
+        errors=Euclidean(),
+    )
 
 
-def state_of(truth: Truth) -> Array:
-    """[sigma, v] of all agents, in the set that each has turned to; (trials, agents, 6)."""
-    sigma = modified_rodrigues.from_quaternion(truth.q_BN)
-    return np.concatenate([sigma, modified_rodrigues.rate(sigma, truth.omega_BN_B)], axis=-1)
+def formation_estimators(scenario: FormationScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
+    """The observers of one loop of a scenario, and the user's filters."""
+    loop, seed = scenario.loops[name], scenario.run.seed
+    watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o in scenario.observers]
+    own = (agents_filter(o, scenario.observers[o], scenario.plant, seed, trials) for o in watching)
+    return (*own, *user_code.filters(surroundings(scenario)))
 
 
 def push(size: float, time: float) -> Array:
@@ -163,72 +286,6 @@ def _shorter(state: Array) -> Array:
     """The same motion in the set with |sigma| <= 1, (..., 6)."""
     sigma = modified_rodrigues.shorter(state[..., :3])
     return np.concatenate([sigma, modified_rodrigues.rate(sigma, modified_rodrigues.body_rate(state[..., :3], state[..., 3:]))], axis=-1)
-
-
-def _observe(observer: Observer, belief: Any, torque: Array, reading: Array, dt: float, name: str, tick: int) -> Watched:
-    """One step of a filter; one that breaks down ends the run, saying which and where."""
-    try:
-        return observer.step(belief, torque, reading, dt)
-    except LostDefiniteness as lost:
-        agent = f" of agent {lost.where[1] + 1}" if len(lost.where) > 1 else ""
-        raise SimulationFailed(lost.where[0] if lost.where else 0, tick * dt, f"filter {name}{agent}: {lost.what}") from None
-
-
-def _record(
-    flown: Flown,
-    k: int,
-    kept: NDArray[np.bool_],
-    state: Array,
-    reading: Array,
-    beliefs: dict[str, Any],
-    lost: dict[str, NDArray[np.bool_]],
-    torque: Array,
-    applied: Array,
-    acceleration: Array,
-    received: NDArray[np.bool_],
-    shadow: bool,
-) -> None:
-    """Put away a tick."""
-    shown = modified_rodrigues.shorter(state[..., :3]) if shadow else state[..., :3]
-    q_BN = modified_rodrigues.to_quaternion(state[..., :3])
-    q_0 = modified_rodrigues.to_quaternion(flown.leader[k, :3])
-    row = {
-        "skae": np.sqrt(_squares(shown - flown.leader[k, :3])),
-        "fkae": np.sqrt(apart_squared(shown)),
-        "station_angle": np.sqrt(np.mean(quaternion.angle(q_BN, q_0) ** 2, axis=-1)),
-        "formation_angle": formation_angle(q_BN),
-        "peak_torque": np.max(np.abs(torque), axis=(-2, -1)),
-        "acceleration_error": np.sqrt(_squares(acceleration - flown.leader[k, 6:])),
-    }
-    row |= {f"{name}/velocity_squared": _squares(b.mean[..., 3:] - state[..., 3:]) / state.shape[-2] for name, b in beliefs.items()}
-    row |= {f"{name}/lost": np.sum(flags, axis=-1, dtype=float) for name, flags in lost.items()}
-    channels = {"state": state, "q_BN": q_BN, "reading": reading, "applied": applied, "acceleration": acceleration}
-    channels |= {"received": np.broadcast_to(received, (len(state), received.shape[-1]))}
-    channels |= {f"{name}/mean": b.mean for name, b in beliefs.items()}
-    if kept.any():
-        _put(flown.channels, {name: values[kept] for name, values in channels.items()}, k, len(flown.leader))
-    _put(flown.figures, row, k, len(flown.leader))
-
-
-def _record_wheels(flown: Flown, k: int, kept: NDArray[np.bool_], truth: Truth, given: Given, torque: Array, limit: float) -> None:
-    """Put away what wheels do at a tick, and the pose of everything that moves."""
-    trials, agents = torque.shape[:2]
-    row = {
-        "peak_wheel_speed": np.max(np.abs(truth.omega_wheel), axis=-1),
-        "saturated": np.mean((np.abs(torque) >= limit).reshape(trials, -1), axis=-1),
-    }
-    channels = {"wheel_speed": truth.omega_wheel.reshape(trials, agents, -1), "wheel_torque": given.wheel.reshape(trials, agents, -1)}
-    channels |= {"qpos": truth.qpos}
-    if kept.any():
-        _put(flown.channels, {name: values[kept] for name, values in channels.items()}, k, len(flown.leader))
-    _put(flown.figures, row, k, len(flown.leader))
-
-
-def _put(kept: dict[str, Array], row: dict[str, Array], k: int, ticks: int) -> None:
-    for name, values in row.items():
-        if name not in kept:
-            kept[name] = np.zeros((ticks, *values.shape), dtype=values.dtype)
-        kept[name][k] = values
 
 
 def _squares(vectors: Array) -> Array:

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from control.antenna_pointing import AXES, AntennaPointing
+from control.antenna_pointing import AXES
 from models.attitude import quaternion
+from models.plants.assembly import Assembly
 from sim.controllers.settings import ControlSettings, UnfalsifiedSettings
-from sim.loop.one_body import System
+from sim.loop.closed_loop import System
 from sim.loop.recording import Recording
-from sim.metrics.closed_loop_identification import Bounds, identify, multisine
+from sim.metrics.closed_loop_identification import Bounds, antenna_law, identify, multisine
 from sim.metrics.one_body import Metric
 from sim.scenario.one_body import Scenario
 
@@ -29,38 +30,44 @@ class Controllers(NamedTuple):
     last: Array
 
 
-def judge(system: System, recording: Recording, loop: str, law: ControlSettings) -> tuple[list[Metric], Controllers | None]:
-    """Metrics of the channels in a loop, and its controllers; nothing if the loop is not under unfalsified control."""
+def judge(assembly: Assembly, recording: Recording, loop: str, law: ControlSettings) -> list[Metric]:
+    """Metrics of the channels in a loop; none if the loop is not under unfalsified control."""
     if not isinstance(law, UnfalsifiedSettings):
-        return [], None
-    theta = recording.channels["control/theta"]
-    return _pointing(recording, loop) + ([] if law.frozen else _switching(system, recording)), Controllers(theta[0], theta[-1])
+        return []
+    switching = "control/switched" in recording.channels and not law.frozen  # a user's own law may have taken the place of it
+    return _pointing(recording, loop) + (_switching(assembly, recording) if switching else [])
+
+
+def controllers(recording: Recording) -> Controllers | None:
+    """The first and the last of a loop; None if it is not under unfalsified control."""
+    theta = recording.channels.get("control/theta")
+    return None if theta is None else Controllers(theta[0], theta[-1])
 
 
 def identified(
-    scenario: Scenario, controllers: dict[str, Controllers], rebuild: Callable[[Scenario], System]
+    scenario: Scenario, flown: dict[str, Controllers], rebuild: Callable[[Scenario], System]
 ) -> tuple[list[Metric], dict[str, Array]]:
     """Greatest weighted responses under the first, the nominal and the last controller, and the responses themselves.
 
     Args:
       scenario: with its loops and [identification].
-      controllers: of every loop.
+      flown: controllers of every loop.
       rebuild: the same trials of another scenario, not yet flown.
     """
     settings = scenario.identification
     assert settings is not None
     single = scenario.singles()[settings.adaptive]
-    adaptive, nominal = controllers[settings.adaptive], controllers[settings.nominal]
+    adaptive, nominal = flown[settings.adaptive], flown[settings.nominal]
     assert isinstance(single.law, UnfalsifiedSettings)
     sines = multisine(settings, single.law.pace_rad_s, single.run.tick_s)
     longer = single.model_copy(update={"run": single.run.model_copy(update={"ticks": len(sines.reference)}), "faults": ()})
     metrics, findings = [], dict[str, Array]()
     for phase, chosen in {"initial": adaptive.first, "nominal": nominal.first, "final": adaptive.last}.items():
         system = rebuild(longer)
-        assert isinstance(system.controller, AntennaPointing)
+        law = antenna_law(system)
         responses = identify(system, settings, sines, chosen)
         for i, (channel, response) in enumerate(zip(CHANNELS, responses, strict=True)):
-            error, effort = Bounds.of(system.controller.channels, settings.claim, i).weighted(response)
+            error, effort = Bounds.of(law.channels, settings.claim, i).weighted(response)
             metrics += [Metric(channel, "sup_w1_ter", phase, "1", error), Metric(channel, "sup_w2_tur", phase, "1", effort)]
             findings |= {
                 f"{channel}/{phase}/frequency": np.tile(response.frequency, (len(chosen), 1)),
@@ -70,9 +77,9 @@ def identified(
     return metrics, findings
 
 
-def _inertia(system: System) -> Array:
+def _inertia(assembly: Assembly) -> Array:
     """True moments about the channels' axes, panels and wheels locked, (2,) kg m2."""
-    return np.diag(system.plant.assembly.inertia)[AXES]
+    return np.diag(assembly.inertia)[AXES]
 
 
 def _pointing(recording: Recording, loop: str) -> list[Metric]:
@@ -88,10 +95,10 @@ def _pointing(recording: Recording, loop: str) -> list[Metric]:
     return out
 
 
-def _switching(system: System, recording: Recording) -> list[Metric]:
+def _switching(assembly: Assembly, recording: Recording) -> list[Metric]:
     """Switches and the last controller, by the true inertia."""
     switched = recording.channels["control/switched"].astype(bool)
-    theta, inertia = recording.channels["control/theta"][-1], _inertia(system)
+    theta, inertia = recording.channels["control/theta"][-1], _inertia(assembly)
     out = []
     for i, channel in enumerate(CHANNELS):
         events = switched[..., i]

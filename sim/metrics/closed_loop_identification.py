@@ -3,34 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from scipy import signal
 
 from control.antenna_pointing import AXES, AntennaPointing
 from control.tracking import Target
 from control.unfalsified import UnfalsifiedController
 from models.attitude import quaternion
-from models.sections import Positive, Section
-from sim.loop.one_body import System, run
+from sim.controllers.tracking import TrackingLaw, target_channels
+from sim.loop.closed_loop import System, run_whole
+from sim.scenario.identification import IdentificationSettings
 
 Array = NDArray[np.floating]
-
-
-class IdentificationSettings(Section):
-    """A flight under each of three fixed controllers: the first one, the nominal one and the last one of the adaptive loop."""
-
-    adaptive: str = Field("adaptive", description="the loop whose first and last controllers are identified")
-    nominal: str = Field("nominal", description="the loop of the nominal controller")
-    rms_deg: Positive = Field(0.3, description="of the sines of a channel together")
-    period: Positive = Field(600.0, description="of all sines, in 1 / lambda")
-    periods: Annotated[int, Field(ge=1)] = Field(2, description="heard")
-    settling_periods: Annotated[int, Field(ge=1)] = Field(1, description="flown before that")
-    highest: Positive = Field(3.0, description="frequency / lambda")
-    claim: Positive = Field(2.5, description="M1 of the specification that is claimed; the law itself is tighter")
 
 
 class Multisine(NamedTuple):
@@ -65,6 +52,14 @@ def multisine(settings: IdentificationSettings, pace: float, tick_s: float) -> M
     return Multisine(np.tile(wave, (settings.settling_periods + settings.periods, 1)), bins, (unit * bins[0], unit * bins[1]))
 
 
+def antenna_law(system: System) -> AntennaPointing:
+    """The controller of a loop under unfalsified control; raises TypeError of another."""
+    law = system.law
+    if not (isinstance(law, TrackingLaw) and isinstance(law.controller, AntennaPointing)):
+        raise TypeError("identification is of loops under unfalsified control")
+    return law.controller
+
+
 def identify(system: System, settings: IdentificationSettings, sines: Multisine, theta: Array) -> tuple[Response, Response]:
     """Fly fixed controllers under a multisine and read T_er = 1 - Y / R and T_ur = U / R off the measured record.
 
@@ -77,13 +72,13 @@ def identify(system: System, settings: IdentificationSettings, sines: Multisine,
     Returns:
       Azimuth's and elevation's response.
     """
-    law = system.controller
-    assert isinstance(law, AntennaPointing)
+    law = antenna_law(system)
     ticks = len(sines.reference)
     turn = np.stack([sines.reference[:, 1], np.zeros(ticks), sines.reference[:, 0]], axis=-1)
     still = np.zeros((ticks, 3))
     fixed = replace(law, channels=replace(law.channels, frozen=True), theta=theta)
-    recording = run(replace(system, controller=fixed, target=Target(quaternion.from_rotation_vector(turn), still, still)))
+    target = Target(quaternion.from_rotation_vector(turn), still, still)
+    recording = run_whole(replace(system, law=TrackingLaw(fixed, target), references=target_channels(target)))
     heard = slice(settings.settling_periods * (ticks // (settings.settling_periods + settings.periods)), ticks)
     angle = quaternion.to_rotation_vector(recording.channels["reading"][heard][..., :4])
     torque = recording.channels["torque_B"][heard]

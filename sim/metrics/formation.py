@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.loop.formation import Flown
+from sim.loop.recording import Recording
 from sim.metrics.one_body import Metric
 from sim.scenario.formation import FormationScenario
 
@@ -21,11 +21,10 @@ def phases(scenario: FormationScenario) -> dict[str, slice]:
     return {"all": slice(0, ticks)} | windows
 
 
-def evaluate(flown: Flown, scenario: FormationScenario) -> list[Metric]:
+def evaluate(loop: str, recording: Recording, scenario: FormationScenario) -> list[Metric]:
     """All metrics of one loop; the subjects are the loop, and loop/observer for estimates, or the loop where that observer closes it."""
-    loop = flown.loop
     feedback = scenario.loops[loop].feedback
-    figures = {name: np.ascontiguousarray(values.T) for name, values in flown.figures.items()}  # sums over ticks alike in any company
+    figures = {name: np.ascontiguousarray(values.T) for name, values in recording.figures.items()}  # sums over ticks alike in any company
     out = []
     for phase, ticks in phases(scenario).items():
         within = {name: values[:, ticks] for name, values in figures.items()}
@@ -48,10 +47,19 @@ def evaluate(flown: Flown, scenario: FormationScenario) -> list[Metric]:
             subject = loop if observer == feedback else f"{loop}/{observer}"
             if what == "velocity_squared":
                 out.append(Metric(subject, "rms_velocity_error", phase, "1/s", np.sqrt(np.mean(values, axis=-1))))
+            elif what in ("nees", "nis"):
+                out.append(Metric(subject, f"{what}_mean", phase, "1", mean_of_numbers(values)))
             elif what == "lost":
                 out.append(Metric(subject, "lost_filters", phase, "1", np.sum(values, axis=-1)))
-    out.append(Metric(loop, "settling_time_s", "all", "s", settling_time(figures["fkae"], flown.dt)))
+    out.append(Metric(loop, "settling_time_s", "all", "s", settling_time(figures["fkae"], recording.dt)))
     return out
+
+
+def mean_of_numbers(values: Array) -> Array:
+    """Over ticks, of what is a number; (trials, ticks) to (trials,), NaN where nothing is."""
+    known = ~np.isnan(values)
+    count = np.sum(known, axis=-1)
+    return np.where(count > 0, np.sum(np.where(known, values, 0.0), axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def settling_time(fkae: Array, dt: float) -> Array:

@@ -31,6 +31,16 @@ class Metric(NamedTuple):
     unit: str
     values: Array  # (trials,), NaN where it does not apply
 
+    def at(self, own: NDArray[np.int64], everyone: NDArray[np.int64]) -> Metric:
+        """The same of all trials, `own` being the numbers of those that it is of; NaN for the others."""
+        values = np.full(len(everyone), np.nan)
+        values[np.isin(everyone, own)] = self.values
+        return self._replace(values=values)
+
+    def of(self, own: NDArray[np.int64], some: NDArray[np.int64]) -> Metric:
+        """The same of some trials."""
+        return self._replace(values=self.values[np.isin(own, some)])
+
 
 def phases(recording: Recording) -> dict[str, Flags]:
     """Phase name to flags (trials, ticks): before the first fault, while one is active, and otherwise after it."""

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.communication_graph import CommunicationGraph
-from sim.faults.formation import FormationFaults
 from sim.formation_randomness import Blocks
 
 Array = NDArray[np.floating]
@@ -23,17 +22,31 @@ class Heard(NamedTuple):
     received: Flags  # (trials or 1, ways) whether a message came
 
 
+class LinkFaults(NamedTuple):
+    """What befalls messages, tick by tick."""
+
+    loss: Array  # (ticks,) probability
+    delay: NDArray[np.int64]  # (ticks,) in ticks
+    cut: Flags  # (ticks, messages) of the graph's ways
+
+    @classmethod
+    def none(cls, ticks: int, graph: CommunicationGraph) -> LinkFaults:
+        """Nothing does."""
+        return cls(np.zeros(ticks), np.zeros(ticks, dtype=np.int64), np.zeros((ticks, len(graph.ways)), dtype=bool))
+
+
 class Network:
     """Carries the messages of a run, tick after tick, in all trials."""
 
-    def __init__(self, graph: CommunicationGraph, faults: FormationFaults, losses: Blocks, skip: bool) -> None:
+    def __init__(self, graph: CommunicationGraph, faults: LinkFaults, losses: Blocks, skip: bool) -> None:
         self._graph, self._faults, self._losses, self._skip = graph, faults, losses, skip
         self._ideal = not (faults.loss.any() or faults.delay.any() or faults.cut.any())
         self._under_way: list[Array] = []
         self._held: Array | None = None
 
-    def carry(self, tick: int, sent: Array) -> Heard:
+    def carry(self, tick: int, sent: Array | None) -> Heard:
         """Deliver what leader and agents say, (trials, 1 + agents, n). The first messages are never lost."""
+        assert sent is not None, "agents of a network have something to say"
         graph, faults = self._graph, self._faults
         everything = np.ones((1, len(graph.ways)), dtype=bool)
         if self._ideal:

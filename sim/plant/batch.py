@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.assembly import Assembly
-
-if TYPE_CHECKING:
-    from sim.loop.recording import Recording
 
 Array = NDArray[np.floating]
 
@@ -24,12 +21,15 @@ mujoco.set_mju_user_warning(lambda _: None)
 
 
 class SimulationFailed(RuntimeError):
-    """The physics became invalid; says which trial, when and why."""
+    """The physics became invalid, or a filter broke down; says which trial, when and why.
 
-    def __init__(self, trial: int, time: float, cause: str) -> None:
+    `causes` has every trial that failed, by its number or position as `trial` is one.
+    """
+
+    def __init__(self, trial: int, time: float, cause: str, causes: dict[int, str] | None = None) -> None:
         super().__init__(cause)
         self.trial, self.time, self.cause = trial, time, cause
-        self.recording: Recording | None = None
+        self.causes = causes or {trial: cause}
 
     def __str__(self) -> str:
         return f"trial {self.trial} failed at t = {self.time:.3f} s: {self.cause}"
@@ -75,6 +75,7 @@ class Plant:
         self.centre_of_mass: Array = np.tile(assembly.centre_of_mass, (trials, 1))
         self.wheel_coulomb: Array = np.full(trials, assembly.wheel_friction)
         self._steps_done = 0
+        self._start = self._batch.bind("qpos").copy(), self._batch.bind("qvel").copy()
         quaternion, rate = [], []
         for name in assembly.attitude_joints:
             joint = model.joint(name)
@@ -99,6 +100,7 @@ class Plant:
         qpos[:, self._quaternion] = q_BN
         qvel[:, self._rate] = omega_BN_B
         qvel[:, self._wheel_dof] = omega_wheel
+        self._start = qpos.copy(), qvel.copy()
 
     def hold(self, actuator: str, setpoint: Array | float) -> None:
         """Command an actuator that is not a wheel, such as a balance mass, from now on."""
@@ -117,19 +119,38 @@ class Plant:
         """
         self._batch.bind("ctrl")[:, self._wheel_control] = wheel_torque
         self._batch.bind("qfrc_applied")[:, self._rate] = torque_B
+        causes, time = self._step(steps), self._steps_done * self.step_s
+        self._steps_done += steps
+        self._raise(causes, time)
+
+    def _step(self, steps: int) -> dict[int, str]:
+        """Advance all trials; what broke down in which of them."""
+        causes: dict[int, str] = {}
         try:
             self._batch.step(nstep=steps)
         except SimulationError as failure:
-            self._fail(int(failure.ids[0]), self._batch.error(int(failure.ids[0])))
+            causes = {int(trial): self._batch.error(int(trial)) for trial in failure.ids}
         if self._batch.warning[..., 1].any():
-            trial, kind = (int(i) for i in np.argwhere(self._batch.warning[..., 1])[0])
-            self._fail(trial, f"MuJoCo warned {mujoco.mjtWarning(kind).name}")
+            for trial, kind in np.argwhere(self._batch.warning[..., 1]).tolist():
+                causes.setdefault(trial, f"MuJoCo warned {mujoco.mjtWarning(kind).name}")
         if not np.isfinite(self._batch.state).all():
-            self._fail(int(np.argwhere(~np.isfinite(self._batch.state))[0, 0]), "the state is not finite")
-        self._steps_done += steps
+            for trial in np.unique(np.argwhere(~np.isfinite(self._batch.state))[:, 0]).tolist():
+                causes.setdefault(trial, "the state is not finite")
+        return causes
 
-    def _fail(self, trial: int, cause: str) -> None:
-        raise SimulationFailed(trial, self._steps_done * self.step_s, cause)
+    def _raise(self, causes: dict[int, str], time: float) -> None:
+        """Raise SimulationFailed if anything broke down."""
+        if causes:
+            first = min(causes)
+            raise SimulationFailed(first, time, causes[first], causes)
+
+    def put_back(self, where: NDArray[np.bool_]) -> None:
+        """Put some trials, (trials,), back to their start, where they do no harm; the others are as they were."""
+        which = np.flatnonzero(where)
+        now = self._batch.bind("time").max()
+        self._batch.reset(which, keyframe=self.assembly.model.keyframe(self.assembly.keyframe).id)
+        qpos, qvel, time = self._batch.bind("qpos"), self._batch.bind("qvel"), self._batch.bind("time")
+        qpos[which], qvel[which], time[which] = self._start[0][which], self._start[1][which], now
 
     def set_mass_properties(self, trials: Array, inertia: Array, centre_of_mass: Array) -> None:
         """Give some trials another locked-wheel inertia (3, 3) kg m2 and centre of mass (3,) m, or one each; rates are kept.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from models.attitude import modified_rodrigues
 from models.plants.assembly import Assembly
 from models.plants.formation import FormationParameters, compile_formation
 from models.plants.formation_nacs import FormationNacsParameters, compile_testbeds
@@ -21,6 +24,18 @@ def compile_agents(parameters: Parameters) -> Assembly:
     return compile_testbeds(parameters) if isinstance(parameters, FormationNacsParameters) else compile_formation(parameters)
 
 
+class AgentsTruth(NamedTuple):
+    """What is so of several bodies, at one instant."""
+
+    time: float  # s
+    q_BN: Array  # (trials, agents, 4) scalar last
+    omega_BN_B: Array  # (trials, agents, 3) rad/s
+    omega_wheel: Array  # (trials, agents wheels) rad/s, relative to the bodies
+    qpos: Array  # (trials, nq) MuJoCo's own state
+    qvel: Array  # (trials, nv)
+    state: Array  # [sigma, its rate] in the set that each has turned to, (trials, agents, 6)
+
+
 class FormationPlant(Plant):
     """Trials of a formation; truth has axes (trials, agents, ...), but its wheels' (trials, agents wheels)."""
 
@@ -30,6 +45,13 @@ class FormationPlant(Plant):
         self.centre_of_mass = np.tile(assembly.centre_of_mass, (trials, 1, 1))
         joints = [assembly.model.joint(name) for name in assembly.attitude_joints]
         self._bodies = np.array([int(joint.bodyid[0]) for joint in joints])
+
+    def truth(self) -> AgentsTruth:  # type: ignore[override]
+        """The present state."""
+        plain = super().truth()
+        sigma = modified_rodrigues.from_quaternion(plain.q_BN)
+        state = np.concatenate([sigma, modified_rodrigues.rate(sigma, plain.omega_BN_B)], axis=-1)
+        return AgentsTruth(*plain, state)
 
     def set_inertias(self, inertia: Array) -> None:
         """Give the agents other inertias, (agents, 3, 3) kg m2, in all trials; rates and centres of mass are kept."""

@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from numpy.typing import NDArray
 
 from sim.metrics.antenna_study import CHANNELS
-from sim.metrics.closed_loop_identification import Bounds, IdentificationSettings
+from sim.metrics.closed_loop_identification import Bounds
+from sim.scenario.identification import IdentificationSettings
 from sim.series.antenna import AntennaFlight
 
 Array = NDArray[np.floating]

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from sim.loop.consensus import Flown
+from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.report.page import STYLE
 from sim.scenario.consensus import ConsensusScenario
@@ -29,7 +29,7 @@ OUT_OF_SIGHT = 30.0  # m: what has diverged leaves the picture
 ONE = 0  # agent whose dynamics are drawn
 
 
-def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict[str, Flown]) -> None:
+def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict[str, Recording]) -> None:
     """Draw the first recorded trial: errors, the paths, what is learned, and what it costs.
 
     Args:
@@ -68,7 +68,7 @@ def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict
         figure.savefig(path)
 
 
-def _errors(axes: Axes, flown: dict[str, Flown], lines: Lines, title: str, values: dict[str, Array], unit: str) -> None:
+def _errors(axes: Axes, flown: dict[str, Recording], lines: Lines, title: str, values: dict[str, Array], unit: str) -> None:
     """Logarithmic curves; those that diverge leave the picture."""
     low, high = np.inf, 0.0
     for loop, curve in values.items():
@@ -86,18 +86,18 @@ def _errors(axes: Axes, flown: dict[str, Flown], lines: Lines, title: str, value
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _paths(axes: Axes, loop: str, flown: Flown) -> None:
+def _paths(axes: Axes, loop: str, flown: Recording) -> None:
     """Where the agents of one loop went."""
-    truth = flown.channels["truth"][:, 0]
+    truth = flown.channels["truth/state"][:, 0]
     for agent, colour in enumerate(AGENT_COLORS):
         axes.plot(*truth[:, agent, :2].T, color=colour, lw=0.9)
         axes.plot(*truth[0, agent, :2], "o", color=colour, ms=4)
         axes.annotate(f"{agent + 1}", tuple(truth[0, agent, :2]), xytext=(4, 3), textcoords="offset points", fontsize=7.5, color=colour)
-    axes.plot(*flown.leader.T, color="black", lw=1.2, ls=(0.0, (3.0, 2.0)))
+    axes.plot(*flown.channels["reference/leader"].T, color="black", lw=1.2, ls=(0.0, (3.0, 2.0)))
     axes.set(title=f"Paths of {loop}; dashed: leader", xlabel="x [m]", ylabel="y [m]", aspect="equal")
 
 
-def _learned(axes: Axes, flown: dict[str, Flown], lines: Lines) -> None:
+def _learned(axes: Axes, flown: dict[str, Recording], lines: Lines) -> None:
     """What moves one agent, and what each loop makes of it; loops have motions of their own, but those that track share the leader's."""
     truth = flown[chosen(flown)]
     unknown = truth.channels["unknown"][:, 0, ONE, 0]

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from models.plants.formation import colour
-from sim.loop.formation import Flown
+from sim.loop.recording import Recording
 from sim.metrics.formation import SETTLED
 from sim.report.page import STYLE
 from sim.scenario.formation import FormationScenario
+from sim.series.formation import FormationFlight, flights
 from sim.series.palette import LOOP_VARIANTS
 from sim.units import RPM
 
@@ -29,16 +30,16 @@ SMOOTH_S = 1.0
 MOST_ROWS = 4000  # of a line; the picture has no more points
 
 
-def write_formation_report(path: Path, name: str, scenario: FormationScenario, flown: dict[str, Flown]) -> None:
+def write_formation_report(path: Path, name: str, scenario: FormationScenario, recordings: dict[str, Recording]) -> None:
     """Draw the first recorded trial of every loop: errors of the formation, of the estimates and of what is known of the leader.
 
     Args:
       path: PNG to write.
       name: of the scenario.
       scenario: with all its loops.
-      flown: by loop, of one recorded trial or more.
+      recordings: by loop, of one recorded trial or more.
     """
-    loops = list(flown.values())
+    loops = flights(recordings, scenario)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(13.0, 8.6), dpi=160, layout="constrained")
         grid = figure.subplots(2, 3, sharex=True)
@@ -74,28 +75,28 @@ def _fitted(said: list[str], most: int = 230) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def _subjects(loops: list[Flown]) -> dict[str, str]:
+def _subjects(loops: list[FormationFlight]) -> dict[str, str]:
     """Colour of every loop, and of the observers that only watch."""
     watching = [f"{flown.loop}/{name}" for flown in loops for name in _observers(flown) if name != flown.loop]
     names = [*(flown.loop for flown in loops), *(w for w in watching if len(loops) == 1)]
     return {name: LOOP_VARIANTS[i % len(LOOP_VARIANTS)][0] for i, name in enumerate(names)}
 
 
-def _observers(flown: Flown) -> list[str]:
+def _observers(flown: FormationFlight) -> list[str]:
     return [name.removesuffix("/velocity_squared") for name in flown.figures if name.endswith("/velocity_squared")]
 
 
-def _place(flown: Flown) -> int:
+def _place(flown: FormationFlight) -> int:
     """Of the first recorded trial among all."""
     return int(np.flatnonzero(flown.trials == flown.recorded[0])[0])
 
 
-def _line(axes: Axes, flown: Flown, values: Array, **look: Any) -> None:
+def _line(axes: Axes, flown: FormationFlight, values: Array, **look: Any) -> None:
     every = max(1, len(values) // MOST_ROWS)
     axes.plot(flown.time[::every], values[::every], **look)
 
 
-def _over_time(axes: Axes, loops: list[Flown], figure: str, title: str, label: str, scale: float = 1.0) -> None:
+def _over_time(axes: Axes, loops: list[FormationFlight], figure: str, title: str, label: str, scale: float = 1.0) -> None:
     shades = _subjects(loops)
     for flown in loops:
         _line(axes, flown, scale * flown.figures[figure][:, _place(flown)], color=shades[flown.loop])
@@ -103,7 +104,7 @@ def _over_time(axes: Axes, loops: list[Flown], figure: str, title: str, label: s
     axes.set(title=title, ylabel=label)
 
 
-def _velocity(axes: Axes, loops: list[Flown]) -> None:
+def _velocity(axes: Axes, loops: list[FormationFlight]) -> None:
     shades, drawn = _subjects(loops), False
     for flown in loops:
         for name in _observers(flown):
@@ -119,14 +120,14 @@ def _velocity(axes: Axes, loops: list[Flown]) -> None:
         axes.text(0.5, 0.5, "no observer", transform=axes.transAxes, ha="center", color=QUIET)
 
 
-def _shown(loops: list[Flown]) -> Flown:
+def _shown(loops: list[FormationFlight]) -> FormationFlight:
     """A loop that an observer closes, if there is one."""
     return next((flown for flown in loops if _observers(flown)), loops[0])
 
 
-def _turns(axes: Axes, flown: Flown) -> None:
+def _turns(axes: Axes, flown: FormationFlight) -> None:
     """|sigma| of each agent: above one it has turned more than half around."""
-    length = np.sqrt(np.sum(flown.channels["state"][:, 0, :, :3] ** 2, axis=-1))
+    length = np.sqrt(np.sum(flown.channels["truth/state"][:, 0, :, :3] ** 2, axis=-1))
     agents = length.shape[1]
     for number, values in enumerate(length.T):
         _line(axes, flown, values, color=colour(number, agents), label=f"{number + 1}" if agents <= 12 else None)
@@ -136,16 +137,16 @@ def _turns(axes: Axes, flown: Flown) -> None:
     axes.legend(ncols=4, loc="upper right", columnspacing=1.0, handlelength=1.4)
 
 
-def _wheels(axes: Axes, flown: Flown) -> None:
+def _wheels(axes: Axes, flown: FormationFlight) -> None:
     """Speed of each testbed's fastest wheel."""
-    fastest = np.max(np.abs(flown.channels["wheel_speed"][:, 0]), axis=-1) / RPM
+    fastest = np.max(np.abs(flown.channels["truth/wheel_speed"][:, 0]), axis=-1) / RPM
     for number, values in enumerate(fastest.T):
         _line(axes, flown, values, color=colour(number, fastest.shape[1]), label=f"{number + 1}")
     axes.set(title=f"Fastest wheel of each testbed in {flown.loop}", ylabel="speed [rpm]", ylim=(0.0, None))
     axes.legend(ncols=4, loc="upper right", columnspacing=1.0, handlelength=1.4)
 
 
-def _torque(axes: Axes, flown: Flown) -> None:
+def _torque(axes: Axes, flown: FormationFlight) -> None:
     applied = flown.channels["applied"][:, 0]
     size = np.sqrt(uniform_filter1d(np.sum(applied**2, axis=-1), max(1, round(SMOOTH_S / flown.dt)), axis=0).clip(1e-30))
     for number, values in enumerate(size.T):

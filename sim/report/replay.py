@@ -12,21 +12,23 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from estimation.consistency import average_bounds
-from models.attitude import quaternion
+from models.dynamics.state_layout import StateLayout
 from sim.loop.recording import Recording
 from sim.report.page import SMOOTHING_S, STYLE
+from sim.series.estimation_errors import error_of_block, unit_of_error
 from sim.series.palette import on_light
 
 Array = NDArray[np.floating]
 
 
-def write_picture(path: Path, title: str, recording: Recording) -> None:
+def write_picture(path: Path, title: str, recording: Recording, layout: StateLayout) -> None:
     """Draw the first trial: residuals, errors where the truth is known, NIS and detection.
 
     Args:
       path: PNG to write.
       title: headline.
       recording: of a replay.
+      layout: of the state; of several agents the RMS over all of them is drawn.
     """
     get = {name: channel[:, 0] for name, channel in recording.channels.items() if not name.startswith("reference/")}
     known = np.isfinite(get["truth/state"]).any()
@@ -35,13 +37,13 @@ def write_picture(path: Path, title: str, recording: Recording) -> None:
         grid = figure.subplots(3 if known else 2, 2, sharex=True)
         pairs = [("Residual of the reading", get["reading"])] + ([("Error against the truth", get["truth/state"])] if known else [])
         for row, (what, target) in zip(grid, pairs, strict=False):
-            for axes, unit in zip(row, ("mdeg", "mrad/s"), strict=True):
-                kind = "attitude" if unit == "mdeg" else "rate"
+            for axes, block in zip(row, layout.blocks[:2], strict=True):
+                place, unit = layout.places[block.kind], unit_of_error(block)
                 for name in recording.observers:
-                    axes.semilogy(
-                        recording.time, _smooth(_distance(get[f"{name}/mean"], target, unit), recording), **_line(recording, name)
-                    )
-                axes.set(title=f"{what}: {kind} (RMS over {SMOOTHING_S:g} s)", ylabel=f"[{unit}]")
+                    apart = error_of_block(get[f"{name}/mean"], target, block, place)
+                    if np.isfinite(apart).any():
+                        axes.semilogy(recording.time, _smooth(apart, recording), **_line(recording, name))
+                axes.set(title=f"{what}: {block.kind} (RMS over {SMOOTHING_S:g} s)", ylabel=f"[{unit}]")
         _nis(grid[-1, 0], recording, get)
         _detection(grid[-1, 1], recording, get)
         for letter, axes in zip("abcdef", grid.flat, strict=False):
@@ -65,13 +67,6 @@ def write_picture(path: Path, title: str, recording: Recording) -> None:
         figure.savefig(path)
 
 
-def _distance(mean: Array, target: Array, unit: str) -> Array:
-    """Angle in mdeg or length of the rates' difference in mrad/s, (ticks,)."""
-    if unit == "mdeg":
-        return 1e3 * np.degrees(quaternion.angle(mean[:, :4], target[:, :4]))
-    return 1e3 * np.linalg.norm(mean[:, 4:7] - target[:, 4:7], axis=-1)
-
-
 def _smooth(values: Array, recording: Recording) -> Array:
     """Root mean square of the numbers in a moving window, (ticks,)."""
     width, there = max(1, round(SMOOTHING_S / recording.dt)), np.isfinite(values)
@@ -81,11 +76,15 @@ def _smooth(values: Array, recording: Recording) -> Array:
 
 
 def _nis(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
-    dof = get["reading"].shape[-1] - 1  # a unit quaternion has three degrees of freedom
+    agents, dof = 1, 0.0
     for name in recording.observers:
-        if np.isfinite(get[f"{name}/nis"]).any():
-            axes.semilogy(recording.time, _smooth(np.sqrt(get[f"{name}/nis"]), recording) ** 2, **_line(recording, name))
-    low, high = average_bounds(dof, max(1, round(SMOOTHING_S / recording.dt)))
+        nis = get[f"{name}/nis"].reshape(recording.ticks, -1)
+        if np.isfinite(nis).any():
+            agents, dof = nis.shape[-1], max(dof, float(np.nanmax(get[f"{name}/dof"])))
+            axes.semilogy(recording.time, _smooth(np.sqrt(np.mean(nis, axis=-1)), recording) ** 2, **_line(recording, name))
+    if get["reading"].ndim == 2:
+        dof = get["reading"].shape[-1] - 1  # a unit quaternion has three degrees of freedom
+    low, high = average_bounds(dof, agents * max(1, round(SMOOTHING_S / recording.dt))) if dof else (np.nan, np.nan)
     axes.axhspan(float(low), float(high), color="#8a8f98", alpha=0.25, lw=0)
     axes.set(title=f"NIS (mean over {SMOOTHING_S:g} s); grey: 95 % of a consistent filter's", ylabel="[-]")
 

@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from models.plants.agents import AGENTS
-from sim.loop.consensus import Flown
+from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
@@ -104,7 +104,7 @@ class ConsensusLayout(Page):
         )
 
 
-def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: dict[str, Flown], configuration: dict[str, Any]) -> None:
+def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: dict[str, Recording], configuration: dict[str, Any]) -> None:
     """Write all recorded trials as a self-contained .rrd that opens laid out.
 
     Rerun draws 2-D views with y downwards; the plane is drawn with y up, so that the leader goes round as in the figures.
@@ -119,7 +119,7 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
     numbers = next(iter(flown.values())).trials
     trials = {}
     for position, number in enumerate(numbers):
-        one = {loop: of.of(np.array([position])) for loop, of in flown.items()}
+        one = {loop: of.select(np.array([position])) for loop, of in flown.items()}
         drawn = tuple(curves(scenario, one))
         duration = scenario.run.ticks * scenario.run.tick_s
         prefix = f"trial_{number}/" if len(numbers) > 1 else ""
@@ -142,7 +142,7 @@ def path_of(loop: str) -> str:
     return f"plane/{rr.escape_entity_path_part(loop)}"
 
 
-def curves(scenario: ConsensusScenario, flown: dict[str, Flown]) -> Iterator[Curve]:
+def curves(scenario: ConsensusScenario, flown: dict[str, Recording]) -> Iterator[Curve]:
     """Time series of one trial: metrics of all loops, dynamics and commands of the one that is drawn large."""
     colours = tuple(look.on_dark for name, look in looks(scenario).items() if name in flown)
     names = tuple(flown)
@@ -174,19 +174,23 @@ def _highs(drawn: tuple[Curve, ...]) -> dict[str, float]:
     return highs
 
 
-def _write_plane(stream: Any, place: str, scenario: ConsensusScenario, flown: Flown) -> None:
+def _write_plane(stream: Any, place: str, scenario: ConsensusScenario, flown: Recording) -> None:
     stride = max(1, round(1.0 / (DRAWN_HZ * flown.dt)))
-    rows = np.arange(0, len(flown.leader), stride)
+    rows = np.arange(0, len(flown.channels["reference/leader"]), stride)
     time = [time_column(flown.dt * rows)]
     up = np.array([1.0, -1.0])
-    agents = np.clip(flown.channels["truth"][rows, 0, :, :2], -1e3, 1e3) * up
-    leader = flown.leader[rows] * up
+    agents = np.clip(flown.channels["truth/state"][rows, 0, :, :2], -1e3, 1e3) * up
+    leader = flown.channels["reference/leader"][rows] * up
     graph = scenario.graph.build()
     ends = [(int(i), int(j)) for i, j in np.argwhere(np.triu(graph.weights) > 0.0)]
     seen = [int(i) for i in np.flatnonzero(graph.leader)]
     strips = [np.stack([agents[:, i], agents[:, j]], axis=1) for i, j in ends] + [np.stack([agents[:, i], leader], axis=1) for i in seen]
     links = np.stack(strips, axis=1)  # (rows, links, 2, 2)
-    stream.log(f"{place}/leader_path", rr.LineStrips2D([flown.leader * up], colors=[(*REFERENCE, 90)], radii=0.004), static=True)
+    stream.log(
+        f"{place}/leader_path",
+        rr.LineStrips2D([flown.channels["reference/leader"] * up], colors=[(*REFERENCE, 90)], radii=0.004),
+        static=True,
+    )
     shades = [LINK] * len(ends) + [REFERENCE] * len(seen)
     stream.log(f"{place}/links", rr.LineStrips2D.from_fields(colors=shades, radii=0.006), static=True)
     stream.send_columns(

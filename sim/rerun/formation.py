@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from sim.loop.formation import Flown
+from sim.loop.recording import Recording
 from sim.plant.formation import compile_agents
 from sim.rerun.blueprint import BACKGROUND, Page, blueprint
 from sim.rerun.formation_scene import FreeScene, Scene, shades
@@ -21,6 +21,7 @@ from sim.rerun.sink import APPLICATION, describe, entity, style, time_column
 from sim.rerun.testbeds import RoomScene, wheel_curves
 from sim.scenario.formation import FormationScenario
 from sim.series.channels import Curve
+from sim.series.formation import FormationFlight, flights
 from sim.series.palette import ALERT, CALM, LOOP_VARIANTS
 
 Array = NDArray[np.floating]
@@ -29,17 +30,19 @@ CURVE_ROWS = 5000  # of a curve, each the mean of what it stands for
 SMOOTH_S = 1.0  # of torques
 
 
-def write_formation(path: Path, name: str, scenario: FormationScenario, flown: dict[str, Flown], configuration: dict[str, Any]) -> None:
+def write_formation(
+    path: Path, name: str, scenario: FormationScenario, recordings: dict[str, Recording], configuration: dict[str, Any]
+) -> None:
     """Write the recorded trials as a self-contained .rrd that opens laid out; the scene shows one loop, the curves all.
 
     Args:
       path: file to be written.
       name: of the scenario; the recording's name in the viewer.
       scenario: with all its loops.
-      flown: by loop, of one recorded trial or more; several trials go under /trial_<number> each.
+      recordings: by loop, of one recorded trial or more; several trials go under /trial_<number> each.
       configuration: nested settings, kept as a property of the recording.
     """
-    loops = list(flown.values())
+    loops = flights(recordings, scenario)
     numbers = loops[0].recorded
     shown = next((f for f in loops if scenario.loops[f.loop].feedback != "truth"), loops[0])
     scene = (RoomScene if scenario.wheels else FreeScene)(compile_agents(scenario.plant), shown)
@@ -131,7 +134,7 @@ class FormationLayout(Page):
         )
 
 
-def layout(prefix: str, shown: Flown, loops: list[Flown], scene: Scene) -> FormationLayout:
+def layout(prefix: str, shown: FormationFlight, loops: list[FormationFlight], scene: Scene) -> FormationLayout:
     """What the tabs of one trial are made of."""
     observed = tuple(f"{flown.loop}/{name}" for flown in loops for name in _observers(flown))
     wheeled = tuple(i + 1 for i, _ in enumerate(shown.places)) if "wheel_speed" in shown.channels else ()
@@ -139,11 +142,13 @@ def layout(prefix: str, shown: Flown, loops: list[Flown], scene: Scene) -> Forma
     return FormationLayout(prefix, float(shown.time[-1]), shown.loop, names, observed, scene.members, scene.eye, wheeled)
 
 
-def _observers(flown: Flown) -> list[str]:
+def _observers(flown: FormationFlight) -> list[str]:
     return [name.removesuffix("/mean") for name in flown.channels if name.endswith("/mean")]
 
 
-def _write_trial(stream: Any, prefix: str, name: str, scene: Scene, shown: Flown, loops: list[Flown], position: int) -> None:
+def _write_trial(
+    stream: Any, prefix: str, name: str, scene: Scene, shown: FormationFlight, loops: list[FormationFlight], position: int
+) -> None:
     for path, what in scene.still():
         stream.log(f"{prefix}{path}", what, static=True)
     for path, rows, moved in scene.motion(position):
@@ -168,7 +173,7 @@ def _write_trial(stream: Any, prefix: str, name: str, scene: Scene, shown: Flown
     stream.send_columns(f"{prefix}state/fault", [time_column(shown.dt * np.array(when))], rr.StateChange.columns(state=states))
 
 
-def _curves(shown: Flown, loops: list[Flown], position: int) -> Iterator[tuple[Curve, NDArray[np.int64]]]:
+def _curves(shown: FormationFlight, loops: list[FormationFlight], position: int) -> Iterator[tuple[Curve, NDArray[np.int64]]]:
     """Time series with the ticks of their rows."""
     ticks = len(shown.leader)
     stride = max(1, ticks // CURVE_ROWS)
@@ -184,7 +189,7 @@ def _curves(shown: Flown, loops: list[Flown], position: int) -> Iterator[tuple[C
     together, labels = [], []
     for flown in loops:
         for name in _observers(flown):
-            difference = flown.channels[f"{name}/mean"][:, position, :, 3:] - flown.channels["state"][:, position, :, 3:]
+            difference = flown.channels[f"{name}/mean"][:, position, :, 3:] - flown.channels["truth/state"][:, position, :, 3:]
             each = np.sqrt(_thinned(np.sum(difference**2, axis=-1), stride))
             yield Curve(f"velocity/each/{flown.loop}/{name}", agents, colours, each), rows
             together.append(0.5 * np.log10(np.maximum(np.mean(each**2, axis=-1), 1e-10)))
@@ -193,13 +198,13 @@ def _curves(shown: Flown, loops: list[Flown], position: int) -> Iterator[tuple[C
         offset = 0 if len(loops) == 1 else sum(not _observers(flown) for flown in loops)  # a loop has one colour everywhere
         look = tuple(LOOP_VARIANTS[(i + offset) % len(LOOP_VARIANTS)][1] for i in range(len(together)))
         yield Curve("velocity/all", tuple(labels), look, np.stack(together, axis=-1)), rows
-    yield Curve("agents/turn", agents, colours, np.linalg.norm(shown.channels["state"][rows, position, :, :3], axis=-1)), rows
+    yield Curve("agents/turn", agents, colours, np.linalg.norm(shown.channels["truth/state"][rows, position, :, :3], axis=-1)), rows
     square = np.sum(shown.channels["applied"][:, position] ** 2, axis=-1)
     torque = 1e3 * np.sqrt(np.maximum(uniform_filter1d(square, max(1, round(SMOOTH_S / shown.dt)), axis=0)[rows], 0.0))
     yield Curve("agents/torque", agents, colours, torque), rows
     if "wheel_speed" in shown.channels:
         yield from ((curve, rows) for curve in wheel_curves(shown, position, rows))
-    known = np.linalg.norm(shown.channels["acceleration"][rows, position] - shown.leader[rows, None, 6:], axis=-1)
+    known = np.linalg.norm(shown.channels["control/acceleration"][rows, position] - shown.leader[rows, None, 6:], axis=-1)
     yield Curve("agents/leader", agents, colours, known), rows
 
 

@@ -15,10 +15,10 @@ from scipy.ndimage import uniform_filter1d
 from models.attitude import modified_rodrigues
 from models.plants.assembly import Assembly
 from models.plants.formation import colour
-from sim.loop.formation import Flown
 from sim.rerun.blueprint import UP
 from sim.rerun.geoms import drawn, visible_geoms
 from sim.rerun.sink import entity
+from sim.series.formation import FormationFlight
 from sim.series.palette import AXES, REFERENCE, Colour
 
 Array = NDArray[np.floating]
@@ -57,7 +57,7 @@ class Scene(Protocol):
         ...
 
 
-def rows_of(flown: Flown) -> Rows:
+def rows_of(flown: FormationFlight) -> Rows:
     """Ticks whose poses are kept."""
     ticks = len(flown.leader)
     return np.arange(0, ticks, max(1, int(np.ceil(ticks / ROWS_MOST)), round(1.0 / (RATE_MOST_HZ * flown.dt))))
@@ -69,10 +69,12 @@ def shades(agents: int) -> list[Colour]:
     return [(int(255 * red), int(255 * green), int(255 * blue)) for red, green, blue in coloured]
 
 
-def links(flown: Flown, position: int, ends: Array, thickness: float = 1.0) -> Iterator[Moving]:
+def links(flown: FormationFlight, position: int, ends: Array, thickness: float = 1.0) -> Iterator[Moving]:
     """Lines between `ends` of the leader and all agents, (1 + agents, 3) m, that fade as fewer messages come."""
     rows = rows_of(flown)
-    came = uniform_filter1d(flown.channels["received"][:, position].astype(float), max(1, round(QUALITY_S / flown.dt)), axis=0)[rows]
+    came = uniform_filter1d(flown.channels["messages/received"][:, position].astype(float), max(1, round(QUALITY_S / flown.dt)), axis=0)[
+        rows
+    ]
     for (receiver, sender), weight, quality in zip(flown.ways, flown.weights, came.T, strict=True):
         if sender - 1 > receiver:  # of the two messages of a link one draws it
             continue
@@ -95,7 +97,7 @@ class FreeScene:
     """
 
     assembly: Assembly
-    flown: Flown
+    flown: FormationFlight
 
     @property
     def members(self) -> str:
@@ -131,7 +133,7 @@ class FreeScene:
     def motion(self, position: int) -> Iterator[Moving]:
         """Bodies, the ghost and the links."""
         flown, rows = self.flown, rows_of(self.flown)
-        attitude = flown.channels["q_BN"][rows, position]
+        attitude = flown.channels["truth/q_BN"][rows, position]
         for agent, place in enumerate(flown.places):
             pose = rr.Transform3D.columns(translation=np.broadcast_to(place, (len(rows), 3)), quaternion=attitude[:, agent])
             yield f"world/{entity(f'craft_{agent + 1}/hull')}", rows, pose

@@ -9,8 +9,9 @@ from urllib.parse import urlsplit
 import numpy as np
 import rerun as rr
 
-from sim.loop.one_body import System
-from sim.loop.recording import Recorder, Recording
+from sim.loop.closed_loop import System
+from sim.loop.recorder import Recorder
+from sim.loop.recording import Recording
 from sim.plant.batch import diagnose
 from sim.rerun.blueprint import blueprint
 from sim.rerun.sink import (
@@ -32,35 +33,44 @@ from sim.series.channels import curves, lanes
 VIEWER = "rerun+http://127.0.0.1:9876/proxy"
 
 
+def connect(stream: rr.RecordingStream, url: str, page: Any) -> None:
+    """Send a stream to an open viewer, laid out by a blueprint.
+
+    Raises:
+      ConnectionError: no viewer listens at `url`.
+    """
+    address = urlsplit(url)
+    host, port = address.hostname or "127.0.0.1", address.port or 9876
+    try:
+        socket.create_connection((host, port), timeout=2.0).close()
+    except OSError:
+        raise ConnectionError(f"no Rerun viewer listens at {host}:{port}; start one with `rerun --bind 127.0.0.1`") from None
+    stream.connect_grpc(url, default_blueprint=page)
+    stream.disable_timeline("log_time")
+
+
 class LiveStream:
     """Shows the first trial of a running loop in an open viewer, tick by tick."""
 
-    def __init__(self, scenario_name: str, system: System, configuration: dict[str, Any], url: str = VIEWER) -> None:
+    def __init__(self, scenario_name: str, system: System, closed_by: str, configuration: dict[str, Any], url: str = VIEWER) -> None:
         """Connect and lay the viewer out.
 
         Raises:
           ConnectionError: no viewer listens at `url`.
         """
-        address = urlsplit(url)
-        host, port = address.hostname or "127.0.0.1", address.port or 9876
-        try:
-            socket.create_connection((host, port), timeout=2.0).close()
-        except OSError:
-            raise ConnectionError(f"no Rerun viewer listens at {host}:{port}; start one with `rerun --bind 127.0.0.1`") from None
         self._system, self._scales = system, Scales()
-        self._thresholds = {name: limits for bank in system.banks for name, limits in zip(bank.names, bank.thresholds, strict=True)}
-        self._shown = who_is_shown(tuple(self._thresholds), system.feedback)
+        self._thresholds = {name: limits for bank in system.estimators for name, limits in zip(bank.names, bank.thresholds, strict=True)}
+        self._shown = who_is_shown(tuple(self._thresholds), closed_by)
         self._lanes: dict[str, str] = {}
         self._stream = rr.RecordingStream(APPLICATION)
         duration = system.dt * (system.ticks - 1)
         page = blueprint({"": layout("", system.plant.assembly, self._thresholds, self._shown, self._scales, duration)}, live=True)
-        self._stream.connect_grpc(url, default_blueprint=page)
-        self._stream.disable_timeline("log_time")
+        connect(self._stream, url, page)
         describe(self._stream, scenario_name, configuration)
-        start(self._stream, "", self._thresholds, system.plant.assembly, system.target.q_DN)
-        name_faults(self._stream, "", [o.text for o in system.faults.occurrences if o.trial == 0])
+        start(self._stream, "", self._thresholds, system.plant.assembly, system.references["q"])
+        name_faults(self._stream, "", [o.text for o in system.occurrences if o.trial == 0])
 
-    def on_tick(self, tick: int, recorder: Recorder) -> None:
+    def on_tick(self, loop: str, tick: int, recorder: Recorder) -> None:  # noqa: ARG002
         """Send what is so at `tick`; a callback of the loop."""
         now = self._instant(tick, recorder)
         time = time_column(np.array([tick * recorder.dt]))
@@ -96,15 +106,13 @@ class LiveStream:
             name: recorder.array(name)[here, :1]
             for name in ("truth/state", "truth/qpos", "truth/qvel", "torque_B", "command", "applied", "fault")
         }
-        for index, bank in enumerate(recorder.banks):
+        for index, bank in enumerate(recorder.estimators):
             for member, name in enumerate(bank.names):
                 for part in ("mean", "nis", "dof", "statistic", "declared"):
                     channels[f"{name}/{part}"] = recorder.array(f"{index}:{part}")[here, member, :1]
-        target = self._system.target
-        channels |= {"reference/q": target.q_DN[here], "reference/omega": target.omega_DN_D[here]}
+        target = self._system.references
+        channels |= {"reference/q": target["q"][here], "reference/omega": target["omega"][here]}
         ongoing = tuple(
-            o._replace(start_tick=0, end_tick=1)
-            for o in self._system.faults.occurrences
-            if o.trial == 0 and o.start_tick <= tick < o.end_tick
+            o._replace(start_tick=0, end_tick=1) for o in self._system.occurrences if o.trial == 0 and o.start_tick <= tick < o.end_tick
         )
         return Recording(recorder.dt, recorder.trials[:1], channels, self._thresholds, ongoing)

@@ -15,7 +15,6 @@ from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
 from models.plants.formation_nacs import RAISED
 from models.plants.nacs import WHEELS
-from sim.loop.formation import Flown
 from sim.plant.batch import diagnose
 from sim.rerun.blueprint import UP
 from sim.rerun.formation_scene import HALF_ANGLE, MOST_LABELS, Moving, Rows, Still, links, rows_of, shades
@@ -23,6 +22,7 @@ from sim.rerun.geoms import drawn, visible_geoms
 from sim.rerun.scene import lab_of_N, to_lab, triad
 from sim.rerun.sink import entity
 from sim.series.channels import Curve
+from sim.series.formation import FormationFlight
 from sim.series.palette import AXES, REFERENCE, wheel
 from sim.units import RPM
 
@@ -43,7 +43,7 @@ class RoomScene:
     """
 
     assembly: Assembly
-    flown: Flown
+    flown: FormationFlight
 
     @property
     def members(self) -> str:
@@ -67,7 +67,7 @@ class RoomScene:
     @property
     def _momentum(self) -> float:
         """Length drawn per rad/s of a wheel, m s."""
-        return ARROW / max(float(np.max(np.abs(self.flown.channels["wheel_speed"]))), 1e-9)
+        return ARROW / max(float(np.max(np.abs(self.flown.channels["truth/wheel_speed"]))), 1e-9)
 
     def still(self) -> Iterator[Still]:
         """The room and the pedestals, geoms under their bodies, axes, the leader's ghost."""
@@ -97,19 +97,19 @@ class RoomScene:
         """Bodies and wheels, where each should point, the ghost, the links, and how far each is off."""
         flown, rows = self.flown, rows_of(self.flown)
         model, mount = self.assembly.model, lab_of_N(self.assembly)
-        qpos = flown.channels["qpos"][rows, position]
+        qpos = flown.channels["truth/qpos"][rows, position]
         truth = diagnose(self.assembly, qpos, np.zeros((len(rows), model.nv)))
         for body in range(1, model.nbody):
             pose = rr.Transform3D.columns(translation=truth.position[:, body], quaternion=truth.quaternion[:, body])
             yield f"world/{entity(model.body(body).name)}", rows, pose
-        speed = flown.channels["wheel_speed"][rows, position].reshape(len(rows), -1)
+        speed = flown.channels["truth/wheel_speed"][rows, position].reshape(len(rows), -1)
         for joint, one in zip(self.assembly.wheel_joints, speed.T, strict=True):
             arrow = self._momentum * one[:, None] * model.jnt_axis[model.joint(joint).id]
             yield f"world/{entity(joint)}/momentum", rows, rr.Arrows3D.columns(vectors=arrow)
         wanted = modified_rodrigues.to_quaternion(flown.leader[rows, :3])
         turned = to_lab(wanted, mount)
         yield "world/leader", rows, rr.Transform3D.columns(translation=np.tile(self._middle, (len(rows), 1)), quaternion=turned)
-        off = np.degrees(quaternion.angle(flown.channels["q_BN"][rows, position], wanted[:, None]))
+        off = np.degrees(quaternion.angle(flown.channels["truth/q_BN"][rows, position], wanted[:, None]))
         for agent, (place, shade) in enumerate(zip(flown.places, shades(len(flown.places)), strict=True)):
             aim = rr.Transform3D.columns(translation=np.tile(place, (len(rows), 1)), quaternion=turned)
             yield f"world/testbed_{agent + 1}/aim", rows, aim
@@ -124,14 +124,14 @@ class RoomScene:
         yield from links(flown, position, ends, 0.26)
 
 
-def wheel_curves(flown: Flown, position: int, rows: Rows) -> Iterator[Curve]:
+def wheel_curves(flown: FormationFlight, position: int, rows: Rows) -> Iterator[Curve]:
     """Angle to the leader and fastest wheel of each testbed, and all wheels of each."""
     agents = len(flown.places)
     names, own = tuple(f"{i + 1}" for i, _ in enumerate(flown.places)), tuple(shades(agents))
     wanted = modified_rodrigues.to_quaternion(flown.leader[rows, :3])
-    off = np.degrees(quaternion.angle(flown.channels["q_BN"][rows, position], wanted[:, None]))
+    off = np.degrees(quaternion.angle(flown.channels["truth/q_BN"][rows, position], wanted[:, None]))
     yield Curve("agents/angle", names, own, np.log10(np.maximum(off, 1e-4)))
-    speed = flown.channels["wheel_speed"][rows, position] / RPM
+    speed = flown.channels["truth/wheel_speed"][rows, position] / RPM
     yield Curve("wheels/fastest", names, own, np.max(np.abs(speed), axis=-1))
     for agent, each in enumerate(np.moveaxis(speed, 1, 0)):
         wheels = tuple(f"wheel {i + 1}" for i, _ in enumerate(WHEELS))

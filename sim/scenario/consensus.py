@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.terminal_sliding_mode import TerminalSlidingMode
-from estimation.resampling import SCHEMES
 from models.plants.agents import AGENTS, AgentsParameters
-from models.sections import NonNegative, Positive, Section, Share
-from sim.scenario.one_body import Published, RunSettings
+from models.sections import NonNegative, Positive, Section
+from sim.estimators.learner_settings import Adaptive, LoopSettings, Marginalised, TuningSettings
+from sim.scenario.run import Published, RunSettings
 
 Pair = tuple[float, float]
+
+
+CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
 
 
 class GraphSettings(Section):
@@ -54,10 +57,10 @@ class LawSettings(Section):
     bound_n: NonNegative = Field(1.0, description="phi_i")
     width: Positive = Field(0.02, description="eps")
 
-    def build(self, graph: CommunicationGraph) -> TerminalSlidingMode:
-        """The law on a graph."""
+    def build(self) -> TerminalSlidingMode:
+        """The law."""
         return TerminalSlidingMode(
-            graph, self.proportional, self.terminal, self.slope, self.terminal_slope, self.exponent, self.bound_n, self.width
+            self.proportional, self.terminal, self.slope, self.terminal_slope, self.exponent, self.bound_n, self.width
         )
 
 
@@ -66,67 +69,6 @@ class SensorSettings(Section):
 
     position_std_m: NonNegative = 1e-4
     speed_std_m_s: NonNegative = 1e-4
-
-
-class TuningSettings(Section):
-    """What filters are told; the thesis prints none of it."""
-
-    state_std: Positive = Field(1e-3, description="sigma_q: of positions (m) and speeds (m/s), a tick")
-    reading_std: Positive = Field(1e-4, description="sigma_r: of positions (m) and speeds (m/s)")
-    weight_std: NonNegative = Field(1e-2, description="random walk of each weight, a tick")
-    first_weight_std: Positive = Field(1.0, description="of each weight around zero at first")
-
-
-class Exact(Section):
-    """Knows f + d: what the law makes of perfect learning."""
-
-    type: Literal["exact"]
-
-
-class Nothing(Section):
-    """Learns nothing, W = 0."""
-
-    type: Literal["none"]
-
-
-class Adaptive(Section):
-    """Weights by the adaptive law, at its own rate; readings are taken as they are."""
-
-    type: Literal["adaptive-law"]
-    rate: Positive = Field(5.0, description="Gamma")
-    tick_s: Positive = Field(0.001, description="its own control period: the law is stiff")
-
-
-class Unscented(Section):
-    """State and weights by one adaptive unscented Kalman filter."""
-
-    type: Literal["unscented"]
-    fading: Annotated[float, Field(ge=1)] = Field(1.0, description="lambda of P- = lambda M + Q")
-    alpha: Positive = 0.1
-    beta: NonNegative = 2.0
-    kappa: NonNegative = 0.0
-
-
-class Marginalised(Section):
-    """The marginalised unscented particle filter."""
-
-    type: Literal["marginalised"]
-    sampled: Literal["state", "weights"] = Field("state", description="block of the particles: state is variant B, weights A")
-    proposal: Literal["optimal", "prior"] = "optimal"
-    particles: Annotated[int, Field(ge=2)] = 100
-    first_weight_std: Positive | None = Field(None, description="instead of the scenario's")
-    resampling: str = "multinomial"
-    threshold: Share = 0.8
-
-    @field_validator("resampling")
-    @classmethod
-    def _known(cls, value: str) -> str:
-        if value not in SCHEMES:
-            raise ValueError(f"no resampling {value!r}; there are {', '.join(SCHEMES)}")
-        return value
-
-
-LoopSettings = Annotated[Exact | Nothing | Adaptive | Unscented | Marginalised, Field(discriminator="type")]
 
 
 class DynamicsFault(Section):
@@ -161,6 +103,8 @@ Fault = Annotated[DynamicsFault | DisturbanceFault | CommandFault, Field(discrim
 
 class ConsensusScenario(Section):
     """One scenario file of consensus tracking."""
+
+    family: ClassVar[str] = "consensus"
 
     title: str
     source: str
@@ -198,6 +142,19 @@ class ConsensusScenario(Section):
             if max(end, fault.start_s) > duration + 1e-9 or end < fault.start_s:
                 raise ValueError(f"faults.{number} ({fault.kind}): must lie between 0 and the run's end, {duration:g} s")
         return self
+
+    @property
+    def loop_names(self) -> tuple[str, ...]:
+        """Names of all closed loops."""
+        return tuple(self.loops)
+
+    def warnings(self) -> list[str]:
+        """What may be meant but deserves a word, a line each."""
+        slow = [name for name, loop in self.loops.items() if isinstance(loop, Marginalised)]
+        work = sum(loop.particles for loop in self.loops.values() if isinstance(loop, Marginalised)) * self.run.trials
+        if work * self.run.ticks > CROWD * 2000:
+            return [f"{', '.join(slow)}: {work} trials x particles of six agents take minutes; fewer --trials are quicker"]
+        return []
 
 
 def _whole(ratio: float, what: str, part: float) -> None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
 from models.plants.formation import FormationParameters
 from models.plants.formation_nacs import FormationNacsParameters, prepare_testbeds
 from models.plants.inertia import why_impossible
-from models.sections import NonNegative, Ordinal, Positive, Section, Share
-from sim.faults.formation import AddedInertia, ConstantCommand, Cut, Fault, OtherGains, WheelFailure
-from sim.scenario.one_body import Published, RunSettings
+from models.sections import NonNegative, Ordinal, Positive, Section
+from sim.estimators.rodrigues_settings import ObserverSettings
+from sim.faults.formation import AddedInertia, ConstantCommand, Cut, Fault, OtherGains, Readings, WheelFailure
+from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
 
@@ -96,39 +97,6 @@ class LawSettings(Section):
         return Gains(self.k1, self.k2, self.k3, self.gamma, self.lambda_)
 
 
-class _Filter(Section):
-    process_deviation: Positive = Field(1e-3, description="of each state, a step")
-    reading_deviation: Positive = 1e-4
-    start_rate_deviation: Positive = Field(1e-2, description="of the rate, which is taken for zero")
-    rate_process_deviation: Positive | None = Field(None, description="of each rate alone, a step, in place of process_deviation")
-
-
-class AukfSettings(_Filter):
-    """Adaptive unscented filter."""
-
-    type: Literal["aukf"]
-    alpha: Positive = 0.1
-    beta: NonNegative = 2.0
-    kappa: NonNegative = 0.0
-    fading: Literal["strong-tracking", "constant"] = "strong-tracking"
-    value: Positive = Field(1.0, description="of a constant factor")
-    forgetting: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    cap: Annotated[float, Field(ge=1)] = 1e3
-
-
-class PfSettings(_Filter):
-    """Particle filter."""
-
-    type: Literal["pf"]
-    particles: Annotated[int, Field(ge=2)] = 100
-    threshold: Share = 0.8
-    proposal: Literal["optimal", "bootstrap"] = "optimal"
-    resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
-
-
-ObserverSettings = Annotated[AukfSettings | PfSettings, Field(discriminator="type")]
-
-
 class LoopSettings(Section):
     """One closed loop."""
 
@@ -140,6 +108,8 @@ class LoopSettings(Section):
 
 class FormationScenario(Section):
     """One scenario file of a formation."""
+
+    family: ClassVar[str] = "formation"
 
     title: str
     source: str = Field(description="seed equation, table or figure that it comes from")
@@ -163,7 +133,7 @@ class FormationScenario(Section):
         return loops
 
     @model_validator(mode="after")
-    def _fits_together(self) -> FormationScenario:
+    def _fits_together(self, info: ValidationInfo) -> FormationScenario:
         agents = self.plant.agents
         if len(self.plant.believed_inertia) != agents:
             raise ValueError(f"plant: {agents} agents, but {len(self.plant.believed_inertia)} believed inertias")
@@ -174,10 +144,11 @@ class FormationScenario(Section):
             graph = self.communication()
         except ValueError as complaint:
             raise ValueError(f"graph: {complaint}") from None
+        known = ["truth", *self.observers, *(info.context or {}).get("guests", ())]
         for name, loop in self.loops.items():
             for observer in (loop.feedback, *loop.watching):
-                if observer != "truth" and observer not in self.observers:
-                    raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(['truth', *self.observers])}")
+                if observer not in known:
+                    raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(known)}")
         if taken := [name for name in self.observers if name in RESERVED]:
             raise ValueError(f"observers: {taken[0]!r} means something else")
         if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
@@ -216,6 +187,25 @@ class FormationScenario(Section):
         for agent, (whole, own) in enumerate(zip(wholes, carried, strict=True)):
             if reason := why_impossible(whole) or why_impossible(own):
                 raise ValueError(f"{label}: no rigid body has the inertia of agent {agent + 1}, {reason}")
+
+    @property
+    def loop_names(self) -> tuple[str, ...]:
+        """Names of all closed loops."""
+        return tuple(self.loops)
+
+    def warnings(self) -> list[str]:
+        """What may be meant but deserves a word, a line each."""
+        said = []
+        if isinstance(self.plant, FormationPlantSettings) and self.plant.inertia_kg_m2 == "printed":
+            said.append("plant.inertia_kg_m2: no rigid body has the printed tensors; they are flown all the same")
+        if any(loop.law.acceleration_sign > 0 for loop in self.loops.values()):
+            said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")
+        if any(isinstance(fault, Readings) and np.abs(fault.bias) > 0 for fault in self.faults):
+            said.append("faults: a bias that all readings share is followed by every filter, since nothing tells it from an attitude")
+        for fault in self.faults:
+            if isinstance(fault, Cut) and len({j for i, j in fault.links if i == 0}) >= len(self.graph.leader):
+                said.append("faults: nobody sees the leader while all those links are cut")
+        return said
 
     def communication(self) -> CommunicationGraph:
         """The graph; raises ValueError."""

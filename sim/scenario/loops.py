@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field
 from models.sections import Section
 from sim.controllers.settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
 from sim.estimators.settings import Imm, ObserverSettings
-from sim.metrics.closed_loop_identification import IdentificationSettings
+from sim.scenario.identification import IdentificationSettings
 from sim.scenario.named_sections import is_taken
 
 

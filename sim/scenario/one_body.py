@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-import difflib
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from models.plants.assembly import ImpossibleInertia
-from models.sections import NonNegative, Positive, Section
+from models.sections import NonNegative, Section
 from sim.bad_input import BadInput
 from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import complain_of_learning
 from sim.estimators.settings import Imm
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, complain_of_faults
-from sim.metrics.closed_loop_identification import IdentificationSettings
 from sim.plant.kinds import NacsPlant, PlantSettings, complain_of_masses
-from sim.scenario.catalogue import SCENARIOS, scenario_names
+from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, complain_of_laws, complain_of_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows
 from sim.scenario.references import ReferenceSettings
-from sim.scenario.validation import first_complaint
+from sim.scenario.run import Published, RunSettings
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
-
-
-class RunSettings(Section):
-    """How long, how often, from which seed."""
-
-    ticks: Annotated[int, Field(ge=1)] = Field(1000, description="control ticks")
-    tick_s: Positive = Field(0.1, description="control period")
-    trials: Annotated[int, Field(ge=1)] = 10
-    seed: Annotated[int, Field(ge=0)]
 
 
 class StartSettings(Section):
@@ -58,15 +45,10 @@ class StartSettings(Section):
         return self
 
 
-class Published(Section):
-    """What the paper prints, to be shown beside the twin's numbers."""
-
-    source: str
-    values: dict[str, dict[str, float]] = Field(description="subject -> metric -> value; metric@phase for one phase")
-
-
 class Scenario(Section):
     """One scenario file."""
+
+    family: ClassVar[str] = "body"
 
     title: str
     source: str = Field(description="seed equation, table or figure that it comes from")
@@ -149,6 +131,11 @@ class Scenario(Section):
             for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
         ]
 
+    @property
+    def loop_names(self) -> tuple[str, ...]:
+        """Names of all closed loops; the only one is called `loop`."""
+        return tuple(self.loops) or ("loop",)
+
     def singles(self) -> dict[str, Scenario]:
         """Every closed loop as a scenario with that one loop, by name; the only one is called `loop`."""
         if self.control is not None:
@@ -164,77 +151,3 @@ class Scenario(Section):
             )
             for name, loop in self.loops.items()
         }
-
-
-def find(name: str) -> Path:
-    """File of a scenario by name or path; raises BadInput if there is none."""
-    path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    if path.is_file():
-        return path
-    if name.endswith(".toml"):
-        raise BadInput(f"no scenario file {name}")
-    near = difflib.get_close_matches(name, scenario_names(), n=1)
-    hint = f"did you mean {near[0]}?" if near else "`nacs list` shows what there is"
-    raise BadInput(f"no scenario {name!r}; {hint}")
-
-
-def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Scenario:
-    """Read and check a scenario.
-
-    Args:
-      name: family/name, or a path to a TOML file.
-      overrides: dotted key to value, taken instead of what the file says.
-      guests: names of the user's own filters, which may close the loop too.
-
-    Raises:
-      BadInput: one line with file and key.
-    """
-    path = find(name)
-    label = f"{name}.toml" if not name.endswith(".toml") else name
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as broken:
-        raise BadInput(f"{label}: cannot be read as TOML: {broken}") from None
-    return check(data, label, overrides, guests)
-
-
-def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Scenario:
-    """The scenario that `data`, as read from a file, stands for; complaints begin with `label`. The rest as for `load`."""
-    for key, value in (overrides or {}).items():
-        override(data, key, value)
-    try:
-        return Scenario.model_validate(data, context={"guests": guests})
-    except ValidationError as invalid:
-        raise BadInput(f"{label}: {first_complaint(invalid, data, Scenario)}") from None
-
-
-def parse_override(text: str) -> tuple[str, Any]:
-    """`key.sub=value` as a dotted key and a TOML value; what is no TOML value is a string."""
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise BadInput(f"--set {text}: needs the form key.sub=value")
-    try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()
-
-
-def override(data: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key of a file's tables; raises BadInput."""
-    node: Any = data
-    *parents, last = key.split(".")
-    for part in parents:
-        node = _element(node, part, key) if isinstance(node, list) else node.setdefault(part, {})
-        if not isinstance(node, dict | list):
-            raise BadInput(f"--set {key}: {part!r} is a value and has no keys")
-    if isinstance(node, list):
-        _element(node, last, key)
-        node[int(last)] = value
-    else:
-        node[last] = value
-
-
-def _element(items: list[Any], part: str, key: str) -> Any:
-    if not part.isdigit() or int(part) >= len(items):
-        raise BadInput(f"--set {key}: {part!r} must be a number from 0 to {len(items) - 1}")
-    return items[int(part)]

@@ -145,6 +145,11 @@ class Sensors:
     faults: FaultSchedule
     dt: float
 
+    def rest(self) -> Array:
+        """At rest in N, until something has been read; (trials, n)."""
+        wheels = self.noise.wheel.shape[-1]
+        return np.tile(np.concatenate([quaternion.IDENTITY, np.zeros(3 + wheels)]), (self.noise.attitude.shape[1], 1))
+
     def read(self, tick: int, truth: Truth, past: Array) -> Array:
         """Reading [q, omega, wheel speeds] at a tick, (trials, n); a missing component is NaN.
 

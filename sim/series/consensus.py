@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from sim.loop.consensus import Flown
-from sim.scenario.consensus import CommandFault, ConsensusScenario, DynamicsFault, Exact, Marginalised, Nothing
+from sim.estimators.learner_settings import Exact, Marginalised, Nothing
+from sim.loop.recording import Recording
+from sim.scenario.consensus import CommandFault, ConsensusScenario, DynamicsFault
 from sim.series.palette import LOOP_VARIANTS, Colour
 
 Array = NDArray[np.floating]
@@ -65,6 +66,6 @@ def happenings(scenario: ConsensusScenario) -> list[Happening]:
     return found
 
 
-def chosen(flown: dict[str, Flown]) -> str:
+def chosen(flown: dict[str, Recording]) -> str:
     """The loop whose motion is drawn: the joint filter's where there is one, or else the last."""
     return "aukf" if "aukf" in flown else list(flown)[-1]

@@ -12,8 +12,9 @@ from estimation.consistency import average_bounds
 from sim.metrics.claims import Claim
 from sim.metrics.one_body import STATES
 from sim.metrics.results import Row
-from sim.scenario.one_body import Published, Scenario
+from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
+from sim.scenario.run import Published
 from sim.tables.learned import learned
 from sim.tables.style import number, plain_table
 

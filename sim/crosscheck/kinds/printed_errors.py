@@ -13,12 +13,13 @@ from models.dynamics.wheeled_body import WheeledBody
 from models.plants.assembly import ImpossibleInertia
 from models.plants.inertia import why_impossible
 from models.plants.nacs import compile_nacs
+from sim.controllers.tracking import TrackingLaw
 from sim.crosscheck.divergence import momentum_N, passes
 from sim.crosscheck.failure import Failure, FailureFunction
 from sim.crosscheck.model_variants import exact, printed_gyroscopic_sign, printed_inertia
-from sim.crosscheck.open_loop import Dynamics, Flight, altered, integrate
+from sim.crosscheck.open_loop import Dynamics, Flight, altered, integrate, without_observers
 from sim.loop.build import build
-from sim.loop.one_body import run
+from sim.loop.closed_loop import run_whole
 
 Array = NDArray[np.floating]
 
@@ -100,10 +101,11 @@ def control_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
     short = flight.scenario.model_copy(update={"run": run_s.model_copy(update={"ticks": ticks}), "faults": ()})
     tilt = []
     for wrong in (False, True):
-        system = replace(build(short, flight.system.trials), feedback="truth", banks=())
-        assert isinstance(system.controller, Controller)
-        law = _Opposite(system.controller) if wrong else system.controller
-        flown = run(replace(system, controller=law)).channels["truth/state"]
+        system = without_observers(build(short, flight.system.trials))
+        law = system.law
+        assert isinstance(law, TrackingLaw)
+        assert isinstance(law.controller, Controller)
+        flown = run_whole(replace(system, law=replace(law, controller=_Opposite(law.controller)) if wrong else law)).channels["truth/state"]
         upright = quaternion.attitude_matrix(flown[..., :4])[..., 2, 2]
         tilt.append(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
     fallen = passes(tilt[1], LOST_TILT_DEG, run_s.tick_s)

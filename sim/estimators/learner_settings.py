@@ -1,0 +1,71 @@
+"""How agents learn what moves them: settings in a file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from estimation.resampling import SCHEMES
+from models.sections import NonNegative, Positive, Section, Share
+
+
+class TuningSettings(Section):
+    """What filters are told; the thesis prints none of it."""
+
+    state_std: Positive = Field(1e-3, description="sigma_q: of positions (m) and speeds (m/s), a tick")
+    reading_std: Positive = Field(1e-4, description="sigma_r: of positions (m) and speeds (m/s)")
+    weight_std: NonNegative = Field(1e-2, description="random walk of each weight, a tick")
+    first_weight_std: Positive = Field(1.0, description="of each weight around zero at first")
+
+
+class Exact(Section):
+    """Knows f + d: what the law makes of perfect learning."""
+
+    type: Literal["exact"]
+
+
+class Nothing(Section):
+    """Learns nothing, W = 0."""
+
+    type: Literal["none"]
+
+
+class Adaptive(Section):
+    """Weights by the adaptive law, at its own rate; readings are taken as they are."""
+
+    type: Literal["adaptive-law"]
+    rate: Positive = Field(5.0, description="Gamma")
+    tick_s: Positive = Field(0.001, description="its own control period: the law is stiff")
+
+
+class Unscented(Section):
+    """State and weights by one adaptive unscented Kalman filter."""
+
+    type: Literal["unscented"]
+    fading: Annotated[float, Field(ge=1)] = Field(1.0, description="lambda of P- = lambda M + Q")
+    alpha: Positive = 0.1
+    beta: NonNegative = 2.0
+    kappa: NonNegative = 0.0
+
+
+class Marginalised(Section):
+    """The marginalised unscented particle filter."""
+
+    type: Literal["marginalised"]
+    sampled: Literal["state", "weights"] = Field("state", description="block of the particles: state is variant B, weights A")
+    proposal: Literal["optimal", "prior"] = "optimal"
+    particles: Annotated[int, Field(ge=2)] = 100
+    first_weight_std: Positive | None = Field(None, description="instead of the scenario's")
+    resampling: str = "multinomial"
+    threshold: Share = 0.8
+
+    @field_validator("resampling")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in SCHEMES:
+            raise ValueError(f"no resampling {value!r}; there are {', '.join(SCHEMES)}")
+        return value
+
+
+LoopSettings = Annotated[Exact | Nothing | Adaptive | Unscented | Marginalised, Field(discriminator="type")]

@@ -1,0 +1,42 @@
+"""Filters of attitudes by modified Rodrigues parameters: their settings in a file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from models.sections import NonNegative, Positive, Section, Share
+
+
+class _Filter(Section):
+    process_deviation: Positive = Field(1e-3, description="of each state, a step")
+    reading_deviation: Positive = 1e-4
+    start_rate_deviation: Positive = Field(1e-2, description="of the rate, which is taken for zero")
+    rate_process_deviation: Positive | None = Field(None, description="of each rate alone, a step, in place of process_deviation")
+
+
+class AukfSettings(_Filter):
+    """Adaptive unscented filter."""
+
+    type: Literal["aukf"]
+    alpha: Positive = 0.1
+    beta: NonNegative = 2.0
+    kappa: NonNegative = 0.0
+    fading: Literal["strong-tracking", "constant"] = "strong-tracking"
+    value: Positive = Field(1.0, description="of a constant factor")
+    forgetting: Annotated[float, Field(gt=0, lt=1)] = 0.95
+    cap: Annotated[float, Field(ge=1)] = 1e3
+
+
+class PfSettings(_Filter):
+    """Particle filter."""
+
+    type: Literal["pf"]
+    particles: Annotated[int, Field(ge=2)] = 100
+    threshold: Share = 0.8
+    proposal: Literal["optimal", "bootstrap"] = "optimal"
+    resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
+
+
+ObserverSettings = Annotated[AukfSettings | PfSettings, Field(discriminator="type")]

@@ -1,0 +1,142 @@
+"""What closes the loop of one body: who tells its law the state, its drives, and the faults that change the plant itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from control.allocation import Allocation
+from control.tracking import Estimate
+from models.dynamics.unmodelled_torque import UnmodelledTorque
+from sim.faults.timeline import FaultSchedule
+from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.plant.batch import Plant, Truth
+
+LOCKING = 40.0  # friction of a seized bearing over the drive's limit
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFeedback:
+    """Tells the law the state: an observer, the truth or the readings.
+
+    Attributes:
+      source: an observer's name, `truth` or `measurement`.
+      estimators: all of the loop.
+      unmodelled: what filters learn and are held against; None: none does.
+    """
+
+    source: str
+    estimators: tuple[Estimator, ...]
+    unmodelled: UnmodelledTorque | None = None
+
+    def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: Truth, reading: Array, held: Array) -> Estimate:
+        """State that the controller acts on; `held` is the last reading without its gaps."""
+        state = {"truth": truth.state, "measurement": held}.get(self.source)
+        modes, q_read = None, None
+        learned = self.unmodelled.at(truth.state) if self.unmodelled is not None and self.source == "truth" else None
+        for estimator, raw in zip(self.estimators, beliefs, strict=True):
+            if self.source in estimator.names:
+                belief, member = estimator.summary(raw), estimator.names.index(self.source)
+                state = belief.mean[member]
+                modes = belief.modes.probabilities[member] if belief.modes is not None else None
+                q_read = reading[..., :4]
+                torques = getattr(belief.memory, "learned", None)
+                learned = torques[member] if torques is not None else None
+        if state is None:
+            raise ValueError(f"feedback {self.source!r} is no observer of this loop")
+        wheels = state[..., 7:] if state.shape[-1] == held.shape[-1] else held[..., 7:]  # as read, where no state
+        return Estimate(state[..., :4], state[..., 4:7], wheels, modes, q_read, learned)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEffectors:
+    """Allocation and drives of one body; without wheels the torque acts on the body itself.
+
+    Attributes:
+      allocation: how a torque is shared among the wheels.
+      command_step_nm: least step of the drives' torque set-point; 0: none.
+      faults: of the drives, and torques from outside.
+      drive_noise: torque errors of the drives, (ticks, trials, wheels) N m; of a body without wheels (ticks, trials, 3).
+      disturbance_B: torque of the environment, (ticks, trials, 3) N m in B.
+      wheels: how many.
+    """
+
+    allocation: Allocation
+    command_step_nm: float
+    faults: FaultSchedule
+    drive_noise: Array
+    disturbance_B: Array
+    wheels: int
+
+    def rest(self) -> Given:
+        """No torque, and wheels that stand still."""
+        trials = self.drive_noise.shape[1]
+        known = np.zeros((trials, (self.wheels or 3) + self.wheels))
+        return Given(np.zeros((trials, self.wheels)), np.zeros((trials, 3)), known, self.allocation.start((trials,)), {})
+
+    def give(self, tick: int, decision: Decision, estimate: Estimate, held: Array, before: Given, lost: Flags) -> Given:
+        """Share the torque, as finely as set-points go, with the errors and faults of the drives.
+
+        Filters know the torques that were commanded and the wheel speeds that were read, (trials, 2 wheels); of a body without wheels the
+        torque alone, (trials, 3).
+        """
+        demand, shared = self.allocation.step(decision.effort, estimate, before.memory)
+        command = _quantize(demand, self.command_step_nm)
+        applied = self.faults.act(tick, command + self.drive_noise[tick])
+        push = self.disturbance_B[tick] if self.faults.torque_B is None else self.disturbance_B[tick] + self.faults.torque_B[tick]
+        wheel, push = (applied, push) if self.wheels else (applied[:, :0], push + applied)
+        known = np.concatenate([command, held[..., 7:]], axis=-1)
+        return Given(wheel, push, known, shared, {"command": command, "applied": applied})
+
+
+def _quantize(command: Array, step: float) -> Array:
+    return step * np.round(command / step) if step else command
+
+
+@dataclass(frozen=True, eq=False)
+class BodyChannels:
+    """What is recorded of a tick of one body."""
+
+    faults: FaultSchedule
+    unmodelled: UnmodelledTorque | None = None
+
+    def __call__(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
+        """By name, (trials, ...)."""
+        truth, given = now.truth, now.given.notes
+        return {
+            "truth/qpos": truth.qpos,
+            "truth/qvel": truth.qvel,
+            "reading": now.reading,
+            "torque_B": now.decision.effort,
+            "command": given["command"],
+            "applied": given["applied"],
+            "fault": self.faults.active[tick],
+            **({} if self.unmodelled is None else {"truth/unmodelled": self.unmodelled.at(truth.state)}),
+            **{f"control/{name}": note for name, note in now.decision.notes.items()},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class BodyChange:
+    """Carries out the faults that change the plant itself, at the ticks at which something changes."""
+
+    plant: Plant
+    faults: FaultSchedule
+
+    def __call__(self, tick: int) -> None:
+        """What changes at a tick."""
+        plant, faults = self.plant, self.faults
+        if faults.locked is not None:
+            now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
+            for wheel in np.flatnonzero((now != before).any(axis=0)):
+                changed = (now != before)[:, wheel]
+                friction = np.where(now[:, wheel], LOCKING * plant.assembly.wheel_torque_limit, plant.wheel_coulomb)
+                plant.set_wheel_friction(changed, int(wheel), friction[changed])
+        if faults.mass is not None:
+            which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)
+            back = (which != was) & (which < 0)
+            plant.set_mass_properties(back, plant.inertia[back], plant.centre_of_mass[back])
+            for index in np.unique(which[(which != was) & (which >= 0)]):
+                plant.set_mass_properties((which != was) & (which == index), *faults.masses[index])

@@ -1,0 +1,169 @@
+"""The closed loop: read, estimate, hear, decide, give, record, change, advance. One for every body and any number of agents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.choice import choose
+from estimation.gaussian import LostDefiniteness
+from estimation.state_space import StateSpace
+from sim.faults.timeline import Occurrence
+from sim.loop.lost_trials import LostTrials
+from sim.loop.recorder import MULTIPLICATIVE, Recorder
+from sim.loop.recording import RecordedRunFailed, Recording
+from sim.parts import Array, Effectors, Estimator, Feedback, Given, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
+from sim.plant.batch import SimulationFailed
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """All parts of a closed loop, for a set of trials.
+
+    Attributes:
+      change: carries out the faults that change the plant itself, of a tick.
+      trials: their numbers, (trials,).
+      ticks: control ticks.
+      dt: control period, s.
+      channels: what is recorded of a tick besides truth, reading and beliefs.
+      figures: what is recorded of a tick in every trial, however few are recorded as a whole; None: all trials are.
+      references: what is recorded without an axis of trials, (ticks, ...).
+      occurrences: events.
+      errors: coordinates in which estimates are held against the truth.
+      every: ticks from one that is recorded to the next.
+      loss: which trials are given up; None: none is.
+    """
+
+    plant: Plant
+    sensors: Sensors
+    estimators: tuple[Estimator, ...]
+    feedback: Feedback
+    law: Law
+    effectors: Effectors
+    change: Callable[[int], None]
+    trials: NDArray[np.int64]
+    ticks: int
+    dt: float
+    channels: Kept
+    figures: Kept | None = None
+    references: dict[str, Array] = field(default_factory=dict)
+    occurrences: tuple[Occurrence, ...] = ()
+    network: Network = field(default_factory=Silence)
+    every: int = 1
+    errors: StateSpace = MULTIPLICATIVE
+    loss: Loss | None = None
+
+
+def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None) -> Recording:
+    """Run the loop and return what it recorded; trials in which a filter or the physics broke down are named in there.
+
+    Args:
+      system: all parts.
+      on_tick: called after every recorded tick, with its place among them.
+      recorded: numbers of the trials that are recorded as a whole, if the system keeps figures of all; None: all.
+    """
+    keep = None if recorded is None or system.figures is None else np.flatnonzero(np.isin(system.trials, recorded))
+    ticks = -(-system.ticks // system.every)
+    recorder = Recorder(system.dt * system.every, ticks, system.trials, system.estimators, keep, system.errors)
+    lost = LostTrials(system.trials)
+    _run(system, recorder, lost, on_tick)
+    return replace(recorder.finish(system.references, system.occurrences), lost=lost.all)
+
+
+def run_whole(system: System, on_tick: Callable[[int, Recorder], None] | None = None) -> Recording:
+    """The same where every trial is needed; raises RecordedRunFailed if one broke down."""
+    recording = run(system, on_tick)
+    if recording.lost:
+        first = min(recording.lost, key=lambda lost: lost.tick)
+        raise RecordedRunFailed(first.trial, first.time_s, first.cause, recording)
+    return recording
+
+
+def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[int, Recorder], None] | None) -> None:
+    """The loop itself."""
+    steps = round(s.dt / s.plant.step_s)
+    rest = given = s.effectors.rest()
+    held, lost = s.sensors.rest(), np.zeros(len(s.trials), dtype=bool)
+    beliefs: tuple[Any, ...] = ()
+    first: tuple[tuple[Any, ...], Array] | None = None
+    memory = None
+    for k in range(s.ticks):
+        truth = s.plant.truth()
+        if k % s.every == 0:
+            recorder.begin(k // s.every, truth)
+        reading, known = s.sensors.read(k, truth, recorder.past), given.known
+        lost = broken.failed | (lost if s.loss is None else s.loss.judge(lost, truth))
+        if first is not None and lost.any():  # what a lost trial's filter does is of no interest, but must not fail
+            beliefs = tuple(e.put_back(lost, one, b) for e, one, b in zip(s.estimators, first[0], beliefs, strict=True))
+            known, reading = choose(lost, rest.known, known), choose(lost, first[1], reading)
+        beliefs = _observe(s, beliefs, first, Told(known, reading, rest.known), k, broken)
+        first, lost = first or (beliefs, reading), lost | broken.failed
+        held = np.where(np.isnan(reading), held, reading)
+        estimate = s.feedback(k, beliefs, truth, reading, held)
+        memory = s.law.start(estimate) if k == 0 else memory
+        messages = s.network.carry(k, s.law.says(k, estimate, memory))
+        decision = s.law.decide(k, estimate, messages, memory)
+        given = s.effectors.give(k, decision, estimate, held, given, lost)
+        if k % s.every == 0:
+            now = Snapshot(truth, reading, beliefs, estimate, messages, memory, decision, given, lost, broken.failed)
+            recorder.tick(k // s.every, now, s.channels(k, now), s.figures(k, now) if s.figures else {})
+            if on_tick:
+                on_tick(k // s.every, recorder)
+        if broken.failed.all():
+            recorder.give_up()
+            return
+        s.change(k)
+        _advance(s, given, steps, k, broken)
+        memory = decision.memory
+
+
+class Told(NamedTuple):
+    """What estimators are told at a tick."""
+
+    known: Any  # of the drives since the tick before
+    reading: Array
+    rest: Any  # what would be known if nothing had acted
+
+
+def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: int, broken: LostTrials) -> tuple[Any, ...]:
+    """One step of every estimator; a trial in which one breaks down is given up, and the step taken again without it."""
+    if first is None:
+        return tuple(estimator.initial(told.reading) for estimator in s.estimators)
+    after = []
+    for estimator, start, before in zip(s.estimators, first[0], beliefs, strict=True):
+        belief, known, reading = before, told.known, told.reading
+        while True:
+            try:
+                after.append(estimator.step(belief, known, reading, s.dt))
+                break
+            except LostDefiniteness as failure:
+                position, cause = estimator.blame(failure)
+                whole = bool(broken.failed[position])  # it breaks down even without that trial: nothing of the batch can be saved
+                for lost in range(len(s.trials)) if whole else (position,):
+                    broken.add(lost, tick // s.every, tick * s.dt, cause)
+                if whole:
+                    after.append(before)
+                    break
+                estimator.rewind()
+                belief = estimator.put_back(broken.failed, start, belief)
+                known, reading = choose(broken.failed, told.rest, known), choose(broken.failed, first[1], reading)
+    return tuple(after)
+
+
+def _advance(s: System, given: Given, steps: int, tick: int, broken: LostTrials) -> None:
+    """The physics until the next tick; trials in which it breaks down are given up."""
+    if broken:
+        s.plant.put_back(broken.failed)
+    wheel, push = given.wheel, given.push
+    if broken and not callable(push):
+        wheel, push = choose(broken.failed, np.zeros_like(wheel), wheel), choose(broken.failed, np.zeros_like(push), push)
+    try:
+        s.plant.advance(wheel, push, steps)
+    except SimulationFailed as failure:
+        for position, cause in failure.causes.items():
+            broken.add(position, (tick + 1) // s.every, failure.time, cause)
+        s.plant.put_back(broken.failed)

@@ -1,0 +1,136 @@
+"""Filters run over a flight log: the closed loop itself, with sensors that read the log and nobody who acts."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from control.tracking import Target
+from estimation.consistency import average_test, whiteness
+from models.dynamics.state_layout import ATTITUDE, StateLayout
+from sim.controllers.tracking import target_channels
+from sim.faults.timeline import Occurrence
+from sim.loop.build import assembly_of, build_estimators, errors_of
+from sim.loop.closed_loop import System, run_whole
+from sim.loop.recording import Recording
+from sim.parts import AnyArray, Snapshot
+from sim.replay.flight_log import FlightLog
+from sim.replay.log_columns import columns_of
+from sim.replay.logged_parts import LoggedCommands, LoggedPlant, LoggedSensors, SilentLaw, nobody, nothing_changes
+from sim.user_code.user_code import UserCode
+
+Array = NDArray[np.floating]
+
+LAGS = 10
+INNOVATION = "innovation of "  # before the observer's name, among the channels of the loop
+
+
+class Replayed(NamedTuple):
+    """What the filters made of a block of trials.
+
+    Attributes:
+      loop: whose log it was.
+      recording: truth and NEES are NaN where nobody knows the truth.
+      innovation: of each filter, (ticks, trials, [agents,] e), NaN where a component was missing.
+      layout: of the state.
+    """
+
+    loop: str
+    recording: Recording
+    innovation: dict[str, Array]
+    layout: StateLayout
+
+
+def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
+    """Run the filters of a loop over a block of its trials.
+
+    Args:
+      log: of the loop.
+      scenario: with those filters, as `setting.choose` gives it.
+      user_code: the user's own filters.
+
+    Raises:
+      SimulationFailed: a filter lost definiteness.
+    """
+    estimators = build_estimators(scenario, log.trials, user_code, log.loop)
+    ticks, trials = log.reading.shape[:2]
+    fault = np.zeros((ticks, trials), dtype=bool) if log.fault is None else log.fault
+    unknown, columns = np.full((ticks, 4), np.nan), columns_of(scenario)
+
+    def channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
+        each = {
+            name: part
+            for estimator, belief in zip(estimators, now.beliefs, strict=True)
+            for name, part in zip(estimator.names, estimator.summary(belief).innovation, strict=True)
+        }
+        known = {"reading": log.reading[tick], "command": log.known[tick], "applied": log.known[tick], "fault": fault[tick]}
+        return known | {"torque_B": now.decision.effort} | {f"{INNOVATION}{name}": part for name, part in each.items()}
+
+    system = System(
+        plant=LoggedPlant(log, assembly_of(scenario)),
+        sensors=LoggedSensors(log),
+        estimators=estimators,
+        feedback=nobody,
+        law=SilentLaw(trials),
+        effectors=LoggedCommands(log, columns),
+        change=nothing_changes,
+        trials=log.trials,
+        ticks=ticks,
+        dt=log.dt,
+        channels=channels,
+        references=target_channels(Target(unknown, unknown[:, :3], unknown[:, :3])),
+        occurrences=_occurrences(fault),
+        errors=errors_of(scenario),
+    )
+    recording = run_whole(system)
+    taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
+    return Replayed(log.loop, recording, {name: _seen(part, log.reading) for name, part in taken.items()}, columns.layout)
+
+
+def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:
+    """Spans of ticks with a fault, (ticks, trials); faults that overlap or touch count as one."""
+    edge = np.diff(fault.astype(int), axis=0, prepend=0, append=0).T
+    starts, ends = np.argwhere(edge > 0), np.argwhere(edge < 0)
+    return tuple(
+        Occurrence(int(trial), int(start), int(end), "any", "fault") for (trial, start), (_, end) in zip(starts, ends, strict=True)
+    )
+
+
+def _seen(innovation: Array, reading: Array) -> Array:
+    """Innovations (ticks, trials, ..., e) with NaN where nothing was read or, at the start, nothing predicted."""
+    missing = np.isnan(reading)
+    missing[0] = True
+    size, read = innovation.shape[-1], reading.shape[-1]
+    if size < read and size in (6, read - 1):  # a rotation vector is missing if any of the quaternion is; wheel speeds may be no states
+        turned = np.repeat(missing[..., ATTITUDE].any(axis=-1, keepdims=True), 3, axis=-1)
+        missing = np.concatenate([turned, missing[..., 4:]], axis=-1)
+    if size > read:
+        missing = np.concatenate([missing, np.ones((*missing.shape[:-1], size - read), dtype=bool)], axis=-1)
+    return np.where(missing[..., :size], np.nan, innovation)
+
+
+class Consistency(NamedTuple):
+    """How a filter's innovations fit what it expects of them."""
+
+    nis_inside: float  # share of ticks whose NIS, averaged over trials, is inside its 95 % bounds
+    white: float  # share of the autocorrelations up to LAGS ticks inside the 95 % bounds of white noise
+
+
+def judge(replayed: Replayed, name: str) -> Consistency:
+    """Chi-square test of a filter's NIS, and whiteness of its innovations.
+
+    A unit quaternion has three degrees of freedom, whatever the filter's coordinates; missing components have none.
+    """
+    channels, innovation = replayed.recording.channels, replayed.innovation[name]
+    nis = channels[f"{name}/nis"]
+    there = ~np.isnan(innovation)
+    there[0] = True
+    dof = np.sum(there, axis=-1)
+    if innovation.shape[-1] > replayed.layout.errors:  # a quaternion by components
+        whole = there[..., ATTITUDE].all(axis=-1)
+        dof = 3 * whole + np.sum(there[..., 4:], axis=-1)
+    many = nis.reshape(len(nis), -1), dof.reshape(len(dof), -1), innovation.reshape(len(nis), -1, innovation.shape[-1])
+    test = average_test(many[0], many[1], axis=1)
+    return Consistency(test.fraction_inside, whiteness(np.swapaxes(many[2], 0, 1), LAGS).fraction_inside)

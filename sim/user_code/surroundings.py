@@ -1,0 +1,122 @@
+"""What a user's class is told of the loop that it joins, by kind of scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.state_space import Euclidean, Multiplicative, StateSpace
+from models.dynamics.planar_body import PlanarBody
+from models.dynamics.process import ProcessModel
+from models.dynamics.state_layout import StateLayout
+from sim.estimators.filter_banks import Models
+from sim.faults.kinds import DropOut
+from sim.scenario.consensus import ConsensusScenario
+from sim.scenario.formation import FormationScenario
+from sim.scenario.one_body import Scenario
+
+Array = NDArray[np.floating]
+
+NEVER_READ = 1.0  # variance in R of what is never read, where it has no effect
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a user's class is constructed with, as its one argument.
+
+    Attributes:
+      process: analytic model of the plant as the paper writes it (`derivative`, `linearize`; see models/dynamics/process.py).
+      process_with_drag: the same with the wheels' friction, where there are wheels.
+      layout: names, units and places of the components of its state, and how many agents have one.
+      space: error coordinates of that state (`difference`, `displace`).
+      measurement_noise: R in those coordinates, (errors, errors).
+      wheels: number of wheels whose speeds are components of the state.
+    """
+
+    process: ProcessModel
+    process_with_drag: ProcessModel
+    layout: StateLayout
+    space: StateSpace
+    measurement_noise: Array
+    wheels: int
+
+    @property
+    def variances(self) -> tuple[float, ...]:
+        """Variance of a reading in each block of the state: of one body small rotation (rad2), rate (rad2/s2), wheel speed (rad2/s2)."""
+        diagonal = np.diagonal(self.measurement_noise)
+        return tuple(float(diagonal[place.start]) for place in self.layout.error_places.values())
+
+
+class Surroundings(NamedTuple):
+    """How a user's filter or law sits in a loop.
+
+    Attributes:
+      setting: what its class is told.
+      inputs: size of the command that its filter is given.
+      wheels: of one body, whose speeds its law is told.
+      measured: what its filter is given of a reading, (trials, [agents,] n), NaN where nothing is read.
+      command: what its filter is given of what is known of the drives, (trials, [agents,] inputs).
+      unread: blocks of the state that are never read.
+      gaps: whether readings can be missing.
+      networked: whether its law hears of neighbours and a leader instead of following a target.
+    """
+
+    setting: Setting
+    inputs: int
+    wheels: int
+    measured: Callable[[Array], Array]
+    command: Callable[[Any], Array]
+    unread: tuple[str, ...] = ()
+    gaps: bool = False
+    networked: bool = False
+
+
+def surroundings(scenario: Any) -> Surroundings:
+    """Those of a scenario's loops, which are all alike to a user's class."""
+    return KINDS[scenario.family](scenario)
+
+
+def _of_a_body(scenario: Scenario) -> Surroundings:
+    models, sensors = Models.of(scenario.plant), scenario.sensors
+    all_wheels = scenario.plant.wheel_axes.shape[1]
+    wheels = all_wheels if models.speeds_are_states else 0
+    layout = StateLayout.of_a_body(wheels)
+    noise = np.diag(np.repeat(sensors.variances, [3, 3, wheels]))
+    setting = Setting(models.plain, models.with_drag, layout, Multiplicative(), noise, wheels)
+    missing = sensors.dropout_probability > 0 or any(isinstance(fault, DropOut) for fault in scenario.faults)
+    return Surroundings(
+        setting=setting,
+        inputs=wheels or (2 * all_wheels or 3),
+        wheels=all_wheels,
+        measured=lambda reading: reading[..., : layout.size],
+        command=(lambda known: known[..., :wheels]) if wheels else (lambda known: known),
+        unread=() if sensors.gyro else ("rate",),
+        gaps=missing,
+    )
+
+
+def _of_a_formation(scenario: FormationScenario) -> Surroundings:
+    layout = StateLayout.by_rodrigues(scenario.plant.agents)
+    process = scenario.plant.process(believed=True)
+    noise = np.diag(layout.repeated({"attitude": scenario.reading_deviation**2, "rate": NEVER_READ}))
+    setting = Setting(process, process, layout, Euclidean(), noise, 0)
+
+    def measured(reading: Array) -> Array:
+        return np.concatenate([reading, np.full(reading.shape, np.nan)], axis=-1)
+
+    return Surroundings(setting, 6 if scenario.wheels else 3, 0, measured, lambda known: known, unread=("rate",), networked=True)
+
+
+def _of_consensus(scenario: ConsensusScenario) -> Surroundings:
+    layout = StateLayout.in_the_plane(len(scenario.plant.start))
+    process, sensors = PlanarBody(scenario.plant.mass_kg), scenario.sensors
+    noise = np.diag(layout.repeated({"position": sensors.position_std_m**2, "velocity": sensors.speed_std_m_s**2}))
+    setting = Setting(process, process, layout, Euclidean(), noise, 0)
+    return Surroundings(setting, 2, 0, lambda reading: reading, lambda known: known.force, networked=True)
+
+
+KINDS: dict[str, Callable[[Any], Surroundings]] = {"body": _of_a_body, "formation": _of_a_formation, "consensus": _of_consensus}

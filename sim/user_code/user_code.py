@@ -1,0 +1,68 @@
+"""A researcher's own filters and control law, named on the command line and flown beside the built-in ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from sim.bad_input import BadInput
+from sim.scenario.named_sections import RESERVED
+from sim.user_code.filters import UserFilter
+from sim.user_code.laws import UserLaw
+from sim.user_code.surroundings import Surroundings, surroundings
+from sim.user_code.user_class import UserClass
+
+FILTER, LAW = ("initial", "step"), ("step",)  # methods that a class must have
+
+
+@dataclass(frozen=True)
+class UserCode:
+    """What the user named, as FILE.py:CLASS; loaded anew in every process.
+
+    Attributes:
+      observers: filters that join the scenario's.
+      controller: a control law in place of the scenario's.
+    """
+
+    observers: tuple[str, ...] = ()
+    controller: str | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the filters; raises BadInput if a file cannot be loaded."""
+        return tuple(UserClass(text, "--observer", FILTER).name for text in self.observers)
+
+    @cached_property
+    def law(self) -> str | None:
+        """Name of the control law; raises BadInput if its file cannot be loaded."""
+        return UserClass(self.controller, "--controller", LAW).name if self.controller else None
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """What a run's files say of them; nothing if there are none."""
+        files = {**dict(zip(self.names, self.observers, strict=True)), **({self.law: self.controller} if self.law else {})}
+        return {"guests": files} if files else {}
+
+    def check(self, scenario: Any) -> None:
+        """Rehearse on a small batch, with missing readings if the scenario has any; raises BadInput."""
+        if not self.observers and not self.controller:
+            return
+        taken = [*getattr(scenario, "observers", ()), *scenario.loop_names, *RESERVED]
+        for text, name in zip(self.observers, self.names, strict=True):
+            if name in taken or "/" in name:
+                raise BadInput(f"--observer {text}: {name!r} cannot be its name (taken or reserved); give the class another `name = '...'`")
+            taken.append(name)
+        place = surroundings(scenario)
+        for user in self.filters(place):
+            user.rehearse()
+        if (law := self.control(place)) is not None:
+            law.rehearse()
+
+    def filters(self, place: Surroundings) -> tuple[UserFilter, ...]:
+        """The user's filters."""
+        return tuple(UserFilter.of(UserClass(text, "--observer", FILTER), place) for text in self.observers)
+
+    def control(self, place: Surroundings) -> UserLaw | None:
+        """The user's control law, if there is one."""
+        return UserLaw.of(UserClass(self.controller, "--controller", LAW), place) if self.controller else None
