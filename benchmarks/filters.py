@@ -173,7 +173,7 @@ def ask(peer: Peer, work: str, noise: ExtendedFilter | UnscentedFilter, heard: L
         wheel_inertia=PARAMETERS.wheel_inertia_kg_m2,
         wheel_coulomb=PARAMETERS.wheel_coulomb_nm,
         Q=noise.process_noise,
-        R=noise.measurement_noise,
+        R=noise.measurement_model.noise,
         dt=TICK_S,
         commands=heard.commands,
         readings=heard.readings,
@@ -216,7 +216,7 @@ def compare(kind: Kind, peers: dict[str, Peer], everything: Log) -> Iterator[tup
 
 def filters() -> None:
     """Print the table."""
-    everything = log(STANDARD.measurement_noise)
+    everything = log(STANDARD.measurement_model.noise)
     with one_core(), ExitStack() as stack:
         peers = {}
         for package, module in WHO.items():

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.fading import ConstantFading, FadingLaw, Surprise
-from estimation.gaussian import Belief, corrected, innovate, joseph
+from estimation.gaussian import Belief
+from estimation.observation import observe
 from estimation.proposals import ProcessNoise
 from estimation.state_space import StateSpace
-from estimation.unscented import UnscentedFilter
-from estimation.vector_part import Measured, first_taken, taken
+from estimation.unscented import Predicted, UnscentedFilter
 
 Array = NDArray[np.floating]
 
@@ -22,7 +22,7 @@ class FadingMemory(NamedTuple):
     """What the filter keeps besides a Gaussian belief, as `Belief.memory`."""
 
     fading: Array  # (...,) factor of the last step
-    variance: Array  # (..., e) of residuals
+    variance: Array  # (..., d) of residuals
     elapsed: Array  # (...,) s since the first reading
 
 
@@ -36,13 +36,11 @@ class AdaptiveUnscentedFilter:
       unscented: the filter; its own process noise is not used.
       process_noise: of one step.
       fading: law of lambda.
-      measured: all of a reading's quaternion, or its vector part (then with `Signed` coordinates).
     """
 
     unscented: UnscentedFilter
     process_noise: ProcessNoise
     fading: FadingLaw = field(default_factory=ConstantFading)
-    measured: Measured = "quaternion"
 
     @property
     def space(self) -> StateSpace:
@@ -50,31 +48,22 @@ class AdaptiveUnscentedFilter:
         return self.unscented.space
 
     def initial(self, measurement: Array) -> Belief:
-        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
-        belief = self.unscented.initial(first_taken(measurement, self.measured))
-        lead, size = belief.nis.shape, belief.covariance.shape[-1]
+        """Start from the first reading (..., m) and its noise; what it misses comes from the prior."""
+        belief = self.unscented.initial(measurement)
+        lead, size = belief.nis.shape, belief.innovation.shape[-1]
         return belief._replace(memory=FadingMemory(np.ones(lead), np.full((*lead, size), np.nan), np.zeros(lead)))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
         """
         memory: FadingMemory = belief.memory
         predicted = self.unscented.propagate(belief, command, dt)
-        residual = self.space.difference(taken(measurement, self.measured), predicted.mean)
         root = self.process_noise.root(belief.mean, memory.elapsed)
-        process, noise = root @ root.swapaxes(-1, -2), self.unscented.measurement_noise
-        factor, variance = self.fading.factor(Surprise(residual, predicted.covariance, process, noise), memory.variance)
-        covariance = factor[..., None, None] * predicted.covariance + process
-        innovation = innovate(covariance, residual, noise)
-        correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
-        return corrected(
-            self.space.displace(predicted.mean, correction),
-            joseph(covariance, innovation.gain, noise),
-            innovation,
-            belief,
-            predicted.lost,
-            FadingMemory(factor, variance, memory.elapsed + dt),
-        )
+        process = root @ root.swapaxes(-1, -2)
+        observation = observe(self.unscented.measurement_model, self.space, measurement, predicted.mean)
+        factor, variance = self.fading.factor(Surprise.of(observation, predicted.covariance, process), memory.variance)
+        faded = Predicted(predicted.mean, factor[..., None, None] * predicted.covariance + process, predicted.lost)
+        return self.unscented.correct(faded, belief, measurement, FadingMemory(factor, variance, memory.elapsed + dt))

@@ -1,16 +1,19 @@
-"""Extended Kalman filter of a fully measured state, with the gain as an exchangeable part."""
+"""Extended Kalman filter with the gain as an exchangeable part."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Belief, Detection, Innovation, first_belief, innovate, joseph, symmetrize
+from estimation.gaussian import Belief, Detection, Innovation, innovate, joseph, symmetrize
+from estimation.observation import begin, observe, whole_state
 from estimation.state_space import Additive, StateSpace
+from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import Prediction, ProcessModel, predict
 
 Array = NDArray[np.floating]
@@ -24,7 +27,7 @@ class GainLaw(Protocol):
         ...
 
     def gain(self, innovation: Innovation, detection: Detection) -> tuple[Array, Detection]:
-        """Gain (..., e, m) for this reading, and the memory after it."""
+        """Gain (..., e, d) for this reading, and the memory after it."""
         ...
 
 
@@ -42,38 +45,52 @@ class KalmanGain:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedFilter:
-    """Predict with a nonlinear model, correct with a reading of the whole state (McCafferty-Leroux et al. 2024, eq. 11-16, C = I).
+    """Predict with a nonlinear model, correct with a reading (McCafferty-Leroux et al. 2024, eq. 11-16).
 
-    With `Additive` coordinates this is the paper's EKF, with `Multiplicative` ones the MEKF of Markley & Crassidis (2014, ch. 6.2).
-    Missing components of a reading are NaN: a wholly missing reading predicts only.
+    The reading is the whole state (C = I there) unless `measurement` says otherwise. With `Additive` coordinates this is the paper's EKF,
+    with `Multiplicative` ones the MEKF of Markley & Crassidis (2014, ch. 6.2). Missing components of a reading are NaN: a wholly missing
+    reading predicts only.
 
     Attributes:
       process: model dx/dt = f(x, u) of the state [q, ...], (..., n).
       process_noise: Q of one step in error coordinates, (..., e, e).
-      measurement_noise: R in error coordinates, (..., e, e).
+      measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       gain: law of the gain.
       space: error coordinates of the state.
       prediction: discretisation, `process.predict` or `process.predict_euler`.
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
+      measurement: model of the reading and its noise.
+
+    Raises:
+      ValueError: neither `measurement_noise` nor `measurement` is given, or both are.
     """
 
     process: ProcessModel
     process_noise: Array
-    measurement_noise: Array
+    measurement_noise: Array | None
     prior: Array
     prior_variance: Array
     gain: GainLaw = field(default_factory=KalmanGain)
     space: StateSpace = field(default_factory=Additive)
     prediction: Callable[[ProcessModel, Array, Array, float], Prediction] = predict
+    measurement: MeasurementModel | None = None
+
+    def __post_init__(self) -> None:
+        _ = self.measurement_model  # so that bad settings are refused here
+
+    @cached_property
+    def measurement_model(self) -> MeasurementModel:
+        """What is read."""
+        return whole_state(self.measurement, self.measurement_noise, self.space)
 
     def initial(self, measurement: Array) -> Belief:
-        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
-        belief = first_belief(self.space, measurement, self.measurement_noise, self.prior, self.prior_variance)
+        """Start from the first reading (..., m) and its noise; what it misses comes from the prior."""
+        belief = begin(self.measurement_model, self.space, measurement, self.prior, self.prior_variance)
         return belief._replace(detection=self.gain.start(belief.nis.shape))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
@@ -81,12 +98,13 @@ class ExtendedFilter:
         mean, transition = self.prediction(self.process, belief.mean, command, dt)
         transition = self.space.transition(transition, belief.mean, mean)
         covariance = symmetrize(transition @ belief.covariance @ transition.swapaxes(-1, -2)) + self.process_noise
-        innovation = innovate(covariance, self.space.difference(measurement, mean), self.measurement_noise)
+        observation = observe(self.measurement_model, self.space, measurement, mean)
+        innovation = innovate(covariance, *observation)
         gain, detection = self.gain.gain(innovation, belief.detection)
         correction = (gain @ innovation.residual[..., None])[..., 0]
         return Belief(
             mean=self.space.displace(mean, correction),
-            covariance=joseph(covariance, gain, self.measurement_noise),
+            covariance=joseph(covariance, gain, observation.noise, innovation.sensitivity),
             innovation=innovation.residual,
             nis=innovation.nis,
             log_likelihood=innovation.log_likelihood,

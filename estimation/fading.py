@@ -8,23 +8,34 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.observation import Observation
+
 Array = NDArray[np.floating]
 
 
 class Surprise(NamedTuple):
     """A reading against its prediction, before any fading; of uncorrelated errors only the variances are looked at."""
 
-    residual: Array  # (..., e) reading minus prediction, NaN where missing
-    predicted: Array  # (..., e, e) covariance M that the model makes of the one before, without process noise
-    process_noise: Array  # (..., e, e) Q
-    noise: Array  # (..., e, e) R
+    residual: Array  # (..., d) reading minus prediction, NaN where missing
+    predicted: Array  # (..., d, d) H M H', where M is the covariance that the model makes of the one before, without process noise
+    process_noise: Array  # (..., d, d) H Q H'
+    noise: Array  # (..., d, d) R
+
+    @classmethod
+    def of(cls, observation: Observation, predicted: Array, process_noise: Array) -> Surprise:
+        """Of M and Q in the state's error coordinates, (..., e, e)."""
+        residual, noise, sensitivity = observation
+        if sensitivity is None:
+            return cls(residual, predicted, process_noise, noise)
+        swapped = sensitivity.swapaxes(-1, -2)
+        return cls(residual, sensitivity @ predicted @ swapped, sensitivity @ process_noise @ swapped, noise)
 
 
 class FadingLaw(Protocol):
     """A law of the fading factor lambda in P- = lambda M + Q: frozen settings, its memory handed in and out."""
 
     def factor(self, surprise: Surprise, variance: Array) -> tuple[Array, Array]:
-        """Factor (...,), and the residuals' variance so far (..., e), NaN in a component of which there were none."""
+        """Factor (...,), and the residuals' variance so far (..., d), NaN in a component of which there were none."""
         ...
 
 
@@ -49,7 +60,7 @@ class ConstantFading:
 class StrongTracking:
     """A factor that makes residuals as large as they are expected to be (Zhou & Frank 1996, with one factor for all components).
 
-    lambda = clip(tr W (V - Q - R) / tr W M, 1, cap), where V is the residuals' covariance, V_1 = nu nu',
+    lambda = clip(tr W (V - H Q H' - R) / tr W H M H', 1, cap), where V is the residuals' covariance, V_1 = nu nu',
     V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. With an honest model lambda is one. It stands in for
     Rososhansky (2017, eq. 2.14), one plus a trace over a constant that is not given; the limit of that is one, though the text says zero.
 

@@ -36,7 +36,7 @@ class Belief(NamedTuple):
 
     mean: Array  # (..., n)
     covariance: Array  # (..., e, e) of the state space's error coordinates
-    innovation: Array  # (..., m) reading minus prediction; zero where the reading is missing
+    innovation: Array  # (..., d) reading minus prediction; zero where the reading is missing
     nis: Array  # (...,) normalised innovation squared
     log_likelihood: Array  # (...,) of the reading given the ones before
     dof: Array  # (...,) components of the reading that were not missing
@@ -56,11 +56,12 @@ class Modes(NamedTuple):
 class Innovation(NamedTuple):
     """A reading set against its prediction."""
 
-    residual: Array  # (..., m)
-    gain: Array  # (..., e, m) Kalman's
+    residual: Array  # (..., d)
+    gain: Array  # (..., e, d) Kalman's
     nis: Array
     log_likelihood: Array
     dof: Array
+    sensitivity: Array | None = None  # H, (..., d, e), rows of zeros where the reading is missing; None: the unit matrix
 
 
 def first_belief(space: StateSpace, measurement: Array, noise: Array, prior: Array, prior_variance: Array) -> Belief:
@@ -134,22 +135,30 @@ def _first_lost(matrix: Array) -> tuple[int, ...]:
     return ()
 
 
-def innovate(covariance: Array, residual: Array, noise: Array) -> Innovation:
-    """Gain and likelihood of a reading of the whole error state (H = I), by Cholesky factors of S = P + R.
+def innovate(covariance: Array, residual: Array, noise: Array, sensitivity: Array | None = None) -> Innovation:
+    """Gain and likelihood of a reading, by Cholesky factors of S = H P H' + R.
 
     Components of the residual that are NaN are missing: they get no gain and count nothing.
 
     Args:
       covariance: P before the reading, (..., e, e).
-      residual: reading minus prediction, (..., e).
-      noise: R, (..., e, e), block diagonal between components that can go missing apart from each other.
+      residual: reading minus prediction, (..., d).
+      noise: R, (..., d, d).
+      sensitivity: H, (..., d, e); None: the unit matrix, the reading being of the whole error state.
 
     Raises:
       LostDefiniteness: S is not positive definite.
     """
     missing = np.isnan(residual)
     predicted = covariance
-    if missing.any():
+    if sensitivity is not None:
+        known = np.where(missing, 0.0, 1.0)
+        residual = np.where(missing, 0.0, residual)
+        sensitivity = sensitivity * known[..., None]
+        predicted = covariance @ sensitivity.swapaxes(-1, -2)  # P H'
+        spread = sensitivity @ predicted + noise * known[..., None, :] * known[..., :, None]
+        spread = spread + missing[..., None] * np.eye(residual.shape[-1])  # unit variance, zero residual: no effect
+    elif missing.any():
         residual = np.where(missing, 0.0, residual)
         known = np.where(missing, 0.0, 1.0)
         predicted = covariance * known[..., None, :]  # P H'
@@ -166,10 +175,17 @@ def innovate(covariance: Array, residual: Array, noise: Array) -> Innovation:
     log_det = 2.0 * np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
     # in C order, so that the products to come give the same bits whether or not a gain law has copied it
     gain = np.ascontiguousarray(np.linalg.solve(root.swapaxes(-1, -2), cross).swapaxes(-1, -2))
-    return Innovation(residual, gain, nis, -0.5 * (nis + log_det + dof * LOG_TWO_PI), dof)
+    return Innovation(residual, gain, nis, -0.5 * (nis + log_det + dof * LOG_TWO_PI), dof, sensitivity)
 
 
-def joseph(covariance: Array, gain: Array, noise: Array) -> Array:
-    """Covariance after a reading with any gain, (I - K) P (I - K)' + K R K' (McCafferty-Leroux et al. 2024, eq. 16; Joseph form)."""
-    keep = np.eye(gain.shape[-1]) - gain
+def joseph(covariance: Array, gain: Array, noise: Array, sensitivity: Array | None = None) -> Array:
+    """Covariance after a reading with any gain, (I - K H) P (I - K H)' + K R K' (McCafferty-Leroux et al. 2024, eq. 16; Joseph form).
+
+    Args:
+      covariance: P before the reading, (..., e, e).
+      gain: K, (..., e, d), with columns of zeros where the reading is missing.
+      noise: R, (..., d, d).
+      sensitivity: H, (..., d, e); None: the unit matrix.
+    """
+    keep = np.eye(gain.shape[-2]) - (gain if sensitivity is None else gain @ sensitivity)
     return symmetrize(keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2))

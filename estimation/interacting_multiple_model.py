@@ -30,11 +30,11 @@ class ModeFilter(Protocol):
         ...
 
     def initial(self, measurement: Array) -> Belief:
-        """Belief after the first reading (..., n)."""
+        """Belief after the first reading (..., m)."""
         ...
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
-        """Belief after `dt` seconds of `command` (..., r), and a reading (..., n)."""
+        """Belief after `dt` seconds of `command` (..., r), and a reading (..., m)."""
         ...
 
 
@@ -53,7 +53,7 @@ class InteractingMultipleModel:
     probability that the mode is not the first, with hysteresis.
 
     Attributes:
-      filters: one a mode, of the same state and error coordinates; the first is the healthy one.
+      filters: one a mode, of the same state, error coordinates and reading; the first is the healthy one.
       transition: p_ij, probability in a step to go from mode i to mode j, (modes, modes).
       initial_probabilities: mu of the first reading, (modes,).
       floor: least probability of a mode. None is needed where p_ij > 0, since the chain alone then keeps every mode possible, and in
@@ -104,7 +104,7 @@ class InteractingMultipleModel:
         return stacked(self.filters)
 
     def initial(self, measurement: Array) -> Belief:
-        """Start every filter from the first reading (..., n), with the initial probabilities."""
+        """Start every filter from the first reading (..., m), with the initial probabilities."""
         if self._stacked:
             members = self._stacked.initial(measurement[..., None, :])
         else:
@@ -113,7 +113,7 @@ class InteractingMultipleModel:
         return self._belief(members, probabilities, probabilities, np.zeros(members.nis.shape[:-1]), np.False_)
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
-        """Mix, have every filter predict over `dt` seconds of `command` (..., r) and read `measurement` (..., n), weigh the modes.
+        """Mix, have every filter predict over `dt` seconds of `command` (..., r) and read `measurement` (..., m), weigh the modes.
 
         Raises:
           LostDefiniteness: an innovation covariance of a mode is not positive definite.

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import FadingMemory
 from estimation.fading import ConstantFading, FadingLaw, Surprise
-from estimation.gaussian import Belief, cholesky, corrected, first_belief, innovate, symmetrize
+from estimation.gaussian import Belief, cholesky, corrected, innovate, symmetrize
+from estimation.observation import begin, observe, observe_by_points, whole_state
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Multiplicative
+from models.dynamics.measurement import MeasurementModel
 
 Array = NDArray[np.floating]
 
@@ -50,7 +52,7 @@ class JointUnscentedFilter:
       process: analytic model.
       process_noise: added to the state's covariance every step, (6, 6).
       parameter_noise: variance of each parameter's step, (p,).
-      measurement_noise: of a reading of [q, omega], (6, 6).
+      measurement_noise: of a reading of [q, omega], (6, 6); None where `measurement` is given.
       prior: state (7,) of which what the first reading misses is taken.
       prior_variance: its variance, (6,).
       parameter_variance: of parameters before the first step, which begin at zero, (p,).
@@ -58,12 +60,16 @@ class JointUnscentedFilter:
       beta: see `SigmaPoints`.
       kappa: secondary spread.
       fading: law of the factor lambda in P- = lambda M + Q.
+      measurement: model of a reading of [q, omega], and its noise.
+
+    Raises:
+      ValueError: settings of the sigma points that can turn a covariance negative; neither `measurement_noise` nor `measurement`, or both.
     """
 
     process: DrivenModel
     process_noise: Array
     parameter_noise: Array
-    measurement_noise: Array
+    measurement_noise: Array | None
     prior: Array
     prior_variance: Array
     parameter_variance: Array
@@ -71,14 +77,20 @@ class JointUnscentedFilter:
     beta: float = 2.0
     kappa: float = 0.0
     fading: FadingLaw = field(default_factory=ConstantFading)
+    measurement: MeasurementModel | None = None
 
     def __post_init__(self) -> None:
-        _ = self.points  # so that bad settings are refused here
+        _ = self.points, self.measurement_model  # so that bad settings are refused here
 
     @cached_property
     def points(self) -> SigmaPoints:
         """How sigma points are drawn."""
         return SigmaPoints(self.alpha, self.beta, self.kappa)
+
+    @cached_property
+    def measurement_model(self) -> MeasurementModel:
+        """What is read of [q, omega]."""
+        return whole_state(self.measurement, self.measurement_noise, ATTITUDE)
 
     @property
     def space(self) -> Multiplicative:
@@ -86,39 +98,42 @@ class JointUnscentedFilter:
         return ATTITUDE
 
     def initial(self, reading: Array) -> Belief:
-        """Start from the first reading of [q, omega] (..., 7) and its noise; what it misses comes from the prior."""
-        first = first_belief(ATTITUDE, reading, self.measurement_noise, self.prior, self.prior_variance)
+        """Start from the first reading (..., m), of [q, omega] unless told otherwise, and its noise; the rest comes from the prior."""
+        first = begin(self.measurement_model, ATTITUDE, reading, self.prior, self.prior_variance)
         lead, unknown = first.nis.shape, self.process.parameters
         covariance = np.zeros((*lead, 6 + unknown, 6 + unknown))
         covariance[..., :6, :6] = first.covariance
         covariance[..., 6:, 6:] = np.diag(self.parameter_variance)
         mean = np.concatenate([first.mean, np.zeros((*lead, unknown))], axis=-1)
-        memory = FadingMemory(np.ones(lead), np.full((*lead, 6), np.nan), np.zeros(lead))
+        memory = FadingMemory(np.ones(lead), np.full(first.innovation.shape, np.nan), np.zeros(lead))
         return first._replace(mean=mean, covariance=covariance, lost=np.zeros(lead), memory=memory)
 
     def step(self, belief: Belief, command: Array, reading: Array, dt: float) -> Belief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with a reading of [q, omega] (..., 7), NaN where missing.
+        """Predict over `dt` seconds of `command` (..., r), then correct with a reading (..., m), NaN where missing.
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
         """
         memory: FadingMemory = belief.memory
-        noise = self.measurement_noise
         motion, covariance, lost = self.propagate(belief, command, dt)
-        residual = ATTITUDE.difference(reading, motion)
-        surprise = Surprise(residual, covariance[..., :6, :6], self.process_noise, noise)
-        fading, variance = self.fading.factor(surprise, memory.variance)
+        seen_there = observe(self.measurement_model, ATTITUDE, reading, motion)
+        fading, variance = self.fading.factor(Surprise.of(seen_there, covariance[..., :6, :6], self.process_noise), memory.variance)
         covariance = fading[..., None, None] * covariance
         covariance[..., :6, :6] += self.process_noise
         covariance[..., 6:, 6:] += np.diag(self.parameter_noise)
         covariance = self._bounded(covariance)
 
-        innovation = innovate(covariance[..., :6, :6], residual, noise)
+        own = covariance[..., :6, :6]
+        observation, repaired = observe_by_points(self.points, self.measurement_model, ATTITUDE, reading, motion, own)
+        residual, noise, sensitivity = observation
+        innovation = innovate(own, *observation)
         seen = ~np.isnan(residual)
         both = seen[..., :, None] & seen[..., None, :]
-        root = cholesky(np.where(both, covariance[..., :6, :6] + noise, np.eye(6)))
-        # L^-1 H P with S = L L': gain and covariance follow from it by products of six rows, where Joseph's form takes the whole matrix
-        cross = np.linalg.solve(root, covariance[..., :6, :] * seen[..., :, None])
+        read = covariance[..., :6, :] if sensitivity is None else sensitivity @ covariance[..., :6, :]  # H P
+        spread = own if sensitivity is None else read[..., :6] @ sensitivity.swapaxes(-1, -2)
+        root = cholesky(np.where(both, spread + noise, np.eye(seen.shape[-1])))
+        # L^-1 H P with S = L L': gain and covariance follow from it by products of few rows, where Joseph's form takes the whole matrix
+        cross = np.linalg.solve(root, read * seen[..., :, None])
         white = np.linalg.solve(root, innovation.residual[..., None])
         correction = (cross.swapaxes(-1, -2) @ white)[..., 0]
         moved = ATTITUDE.displace(motion, correction[..., :6])
@@ -127,7 +142,7 @@ class JointUnscentedFilter:
             symmetrize(covariance - cross.swapaxes(-1, -2) @ cross),
             innovation,
             belief,
-            lost,
+            lost if repaired is None else np.maximum(lost, repaired),
             FadingMemory(fading, variance, memory.elapsed + dt),
         )
 

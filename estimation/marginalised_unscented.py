@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.observation import begin
 from estimation.rao_blackwellised import BlockBelief, BlockDraws, Joint, RaoBlackwellisedFilter
 from estimation.resampling import Resampling, multinomial
 from estimation.sigma_points import SigmaPoints, factor
+from estimation.state_space import Euclidean
+from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
@@ -114,7 +117,7 @@ class GivenParameters:
 
 @dataclass(frozen=True, eq=False)
 class MarginalisedUnscentedFilter:
-    """State [motion, parameters] of which the motion is read, NaN where it is not (Rososhansky 2017, sec. 5.2.4).
+    """State [motion, parameters] of which the motion is read, or a function of it, NaN where not (Rososhansky 2017, sec. 5.2.4).
 
     The thesis defines the filter twice, in contradiction: eq. 5.8-5.16 put the particles on the parameters (A), its introduction and the
     plots of its appendix C on the motion (B). Eq. 5.12 to 5.14 give all particles one gain and, for a likelihood, a predicted reading;
@@ -124,7 +127,7 @@ class MarginalisedUnscentedFilter:
       process: of motion and parameters.
       motion_noise: Q of one step, (2 d, 2 d).
       parameter_noise: variance of one step's random walk, (p,).
-      measurement_noise: R of the motion, (2 d, 2 d).
+      measurement_noise: R of a reading of the motion, (2 d, 2 d); None where `measurement` is given.
       parameter_variance: of the parameters at first, around zero, (p,).
       sampled: which block the particles are of: `state` (B) or `parameters` (A).
       particles: how many.
@@ -133,12 +136,18 @@ class MarginalisedUnscentedFilter:
       threshold: effective share of the particles below which they are resampled.
       points: sigma points of variant A.
       integrate: discretisation of variant A.
+      measurement: model of a reading of the motion, and its noise.
+      prior: motion (2 d,) from which a `measurement` begins.
+      prior_variance: variance of that, (2 d,).
+
+    Raises:
+      ValueError: `measurement` without a prior.
     """
 
     process: ParameterModel
     motion_noise: Array
     parameter_noise: Array
-    measurement_noise: Array
+    measurement_noise: Array | None
     parameter_variance: Array
     sampled: Sampled = "state"
     particles: int = 100
@@ -147,6 +156,14 @@ class MarginalisedUnscentedFilter:
     threshold: float = 0.8
     points: SigmaPoints = field(default_factory=SigmaPoints)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+    measurement: MeasurementModel | None = None
+    prior: Array | None = None
+    prior_variance: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.measurement is not None and (self.prior is None or self.prior_variance is None):
+            raise ValueError("a measurement model needs prior and prior_variance, those of the motion before the first reading")
+        _ = self.blocks  # so that bad settings are refused here
 
     @property
     def size(self) -> int:
@@ -158,21 +175,35 @@ class MarginalisedUnscentedFilter:
         """The filter of two blocks that this is."""
         motion, parameters = len(self.motion_noise), len(self.parameter_noise)
         noises = self.process, self.motion_noise, self.parameter_noise
-        common = (self.measurement_noise, self.particles, self.proposal, self.resampling, self.threshold)
+        common: dict[str, Any] = {
+            "measurement_noise": self.measurement_noise,
+            "particles": self.particles,
+            "proposal": self.proposal,
+            "resampling": self.resampling,
+            "threshold": self.threshold,
+            "measurement": self.measurement,
+        }
+        whole = self.measurement is None
         if self.sampled == "state":
-            return RaoBlackwellisedFilter(GivenMotion(*noises), np.eye(motion), None, *common)
+            by_motion = np.eye(motion) if whole else None
+            return RaoBlackwellisedFilter(GivenMotion(*noises), by_motion, None, **common, measured="sampled")
         model = GivenParameters(*noises, self.points, self.integrate)
-        return RaoBlackwellisedFilter(model, np.zeros((motion, parameters)), np.eye(motion), *common)
+        by_parameters, by_motion = (np.zeros((motion, parameters)), np.eye(motion)) if whole else (None, None)
+        return RaoBlackwellisedFilter(model, by_parameters, by_motion, **common, measured="conditional")
 
     def initial(self, reading: Array, draws: BlockDraws) -> BlockBelief:
-        """Start around the first reading of the motion, (..., 2 d), of which nothing may be missing."""
+        """Start around the first reading of the motion, (..., 2 d), of which nothing may be missing; or from the prior and any reading."""
         nothing, ignorance = np.zeros((*reading.shape[:-1], len(self.parameter_variance))), np.diag(self.parameter_variance)
+        motion, spread = reading, self.measurement_noise
+        if self.measurement is not None and self.prior is not None and self.prior_variance is not None:
+            motion, spread = begin(self.measurement, Euclidean(), reading, self.prior, self.prior_variance)[:2]
+        assert spread is not None
         if self.sampled == "state":
-            return self.blocks.initial(reading, self.measurement_noise, nothing, ignorance, draws)
-        return self.blocks.initial(nothing, ignorance, reading, self.measurement_noise, draws)
+            return self.blocks.initial(motion, spread, nothing, ignorance, draws)
+        return self.blocks.initial(nothing, ignorance, motion, spread, draws)
 
     def step(self, belief: BlockBelief, command: Array, reading: Array, dt: float, draws: BlockDraws) -> BlockBelief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `reading` (..., 2 d)."""
+        """Predict over `dt` seconds of `command` (..., r), then correct with `reading` (..., m)."""
         return self.blocks.step(belief, command, reading, dt, draws)
 
     def motion(self, belief: BlockBelief) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.extended_kalman import ExtendedFilter, KalmanGain
 from estimation.gaussian import Belief, Detection
+from estimation.shared_reading import reads_alike, share
 from estimation.unscented import UnscentedFilter
 from models.dynamics.process import Prediction, ProcessModel
 
@@ -55,26 +56,34 @@ class PredictEach:
 
 
 def stacked(filters: Sequence[object]) -> ExtendedFilter | UnscentedFilter | None:
-    """One filter whose beliefs are (..., modes), or None if the filters differ in more than model, noise and prior."""
+    """One filter whose beliefs are (..., modes), or None if the filters differ in more than process model, noise and prior."""
     unscented = [one for one in filters if isinstance(one, UnscentedFilter)]
     if len(unscented) == len(filters) and len({(type(one.space), one.points, one.integrate) for one in unscented}) == 1:
         sampled = unscented[0]
         models = tuple(one.process for one in unscented)
-        return replace(sampled, integrate=IntegrateEach(sampled.integrate, models), **_noises(unscented))
+        if all(reads_alike(sampled.measurement, one.measurement) for one in unscented):
+            return replace(sampled, integrate=IntegrateEach(sampled.integrate, models), **_noises(unscented))
     extended = [one for one in filters if isinstance(one, ExtendedFilter)]
     if len(extended) == len(filters) and len({(type(one.space), type(one.gain), one.prediction) for one in extended}) == 1:
         linearized = extended[0]
         models = tuple(one.process for one in extended)
-        if isinstance(linearized.gain, KalmanGain):  # other laws have settings and memories of their own
+        alike = all(reads_alike(linearized.measurement, one.measurement) for one in extended)
+        if alike and isinstance(linearized.gain, KalmanGain):  # other laws have settings and memories of their own
             return replace(linearized, prediction=PredictEach(linearized.prediction, models), **_noises(extended))
     return None
 
 
 def _noises(filters: Sequence[ExtendedFilter] | Sequence[UnscentedFilter]) -> dict[str, Any]:
     """Noise and prior of every mode, the modes being the last batch axis."""
+
+    def side_by_side(noises: list[Array]) -> Array:
+        return np.stack(np.broadcast_arrays(*noises), axis=-3)
+
+    measured = [one.measurement for one in filters if one.measurement is not None]
     return {
-        "process_noise": np.stack(np.broadcast_arrays(*(one.process_noise for one in filters)), axis=-3),
-        "measurement_noise": np.stack(np.broadcast_arrays(*(one.measurement_noise for one in filters)), axis=-3),
+        "process_noise": side_by_side([one.process_noise for one in filters]),
+        "measurement_noise": None if measured else side_by_side([one.measurement_model.noise for one in filters]),
+        "measurement": share(measured, side_by_side) if measured else None,
         "prior": np.stack([one.prior for one in filters]),
         "prior_variance": np.stack([one.prior_variance for one in filters]),
     }

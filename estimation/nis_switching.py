@@ -86,7 +86,7 @@ class SwitchedGain:
     each trial by itself. Missing components of a reading count as their expectation, so that silence neither alarms nor reassures.
 
     Attributes:
-      boundary_layer: delta of the sliding gain, (e,).
+      boundary_layer: delta of the sliding gain, (d,).
       smoothing: windowed or fading.
       dof: measurements N in a reading (11 in the paper).
       tail_on: chi-square tail probability of the upper threshold (0.001 in the paper).
@@ -121,6 +121,6 @@ class SwitchedGain:
         statistic, history = self.smoothing.push(detection.history[0], innovation.nis + missing)
         on, off = self.thresholds
         declared = np.where(detection.declared, statistic > off, statistic > on)
-        sliding = sliding_gain(innovation.residual, self.boundary_layer)
+        sliding = sliding_gain(innovation.residual, self.boundary_layer, innovation.sensitivity)
         gain = np.where(declared[..., None, None], sliding, innovation.gain)
         return gain, Detection(statistic, declared, (history,))

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Detection, Modes, cholesky, first_belief, innovate, no_detection, symmetrize
-from estimation.proposals import Optimal, ProcessNoise, Proposal
+from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detection, symmetrize
+from estimation.observation import begin, observe, whole_state
+from estimation.proposals import Optimal, ProcessNoise, Proposal, Through
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
-from estimation.state_space import Additive, Signed, StateSpace
-from estimation.vector_part import Measured, first_taken, taken
+from estimation.state_space import Additive, StateSpace
+from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
@@ -35,7 +36,7 @@ class ParticleBelief(NamedTuple):
 
     mean: Array  # (..., n)
     covariance: Array  # (..., e, e) of the state space's error coordinates
-    innovation: Array  # (..., e) reading minus prediction of them all; zero where missing
+    innovation: Array  # (..., d) reading minus prediction of them all; zero where missing
     nis: Array  # (...,) of that, by the covariance of the prediction
     log_likelihood: Array  # (...,) of the reading given the ones before
     dof: Array  # (...,) components of the reading that were not missing
@@ -50,7 +51,9 @@ class ParticleBelief(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ParticleFilter:
-    """Sequential importance resampling of a state read with NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
+    """Sequential importance resampling of a state, readings being NaN where nothing is read (Rososhansky 2017, sec. 2.8, 3.3).
+
+    Particles are weighed by the reading's likelihood: of the state itself, or of what `measurement` makes of it.
 
     All but the particles' motion is reckoned in error coordinates as seen from the heaviest of them. That is exact for `Euclidean` and
     `Additive` ones, where the estimate is the weighted mean of quaternions of one sign, scaled to unit length, which to second order in
@@ -63,7 +66,7 @@ class ParticleFilter:
     Attributes:
       process: model dx/dt = f(x, u) of the state, (..., n).
       process_noise: of one step.
-      measurement_noise: R in error coordinates, (..., e, e).
+      measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
       particles: how many.
@@ -72,14 +75,17 @@ class ParticleFilter:
       threshold: effective share of the particles below which they are resampled.
       roughening: K of Gordon, Salmond & Smith (1993, sec. 3): after resampling each error coordinate is jittered with the deviation
         K (range of the copies) particles^(-1/e); 0: not at all.
-      measured: all of a reading's quaternion, or its vector part.
       space: error coordinates of the state.
       integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
+      measurement: model of the reading and its noise.
+
+    Raises:
+      ValueError: settings out of range, or that do not fit together.
     """
 
     process: ProcessModel
     process_noise: ProcessNoise
-    measurement_noise: Array
+    measurement_noise: Array | None
     prior: Array
     prior_variance: Array
     particles: int = 100
@@ -87,39 +93,38 @@ class ParticleFilter:
     resampling: Resampling = systematic
     threshold: float = 0.5
     roughening: float = 0.0
-    measured: Measured = "quaternion"
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+    measurement: MeasurementModel | None = None
 
     def __post_init__(self) -> None:
         if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
             settings = f"particles = {self.particles}, threshold = {self.threshold:g}, roughening = {self.roughening:g}"
             raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
-        if self.measured == "vector" and not isinstance(self.space, Additive):
-            raise ValueError('measured = "vector" needs Additive coordinates: a vector part alone is no rotation')
+        _ = self.measurement_model  # so that bad settings are refused here
 
     @cached_property
-    def _space(self) -> StateSpace:
-        return Signed() if self.measured == "vector" else self.space
+    def measurement_model(self) -> MeasurementModel:
+        """What is read."""
+        return whole_state(self.measurement, self.measurement_noise, self.space)
 
     @property
     def size(self) -> int:
         """Error coordinates e of the state: random numbers a particle and step."""
-        return int(self.measurement_noise.shape[-1])
+        return int(self.prior_variance.shape[-1])
 
     def initial(self, measurement: Array, draws: Draws) -> ParticleBelief:
-        """Start around the first reading (..., n) with its noise; what it misses comes from the prior."""
-        seen = first_taken(measurement, self.measured)
-        first = first_belief(self._space, seen, self.measurement_noise, self.prior, self.prior_variance)
+        """Start around the first reading (..., m) with its noise; what it misses comes from the prior."""
+        first = begin(self.measurement_model, self.space, measurement, self.prior, self.prior_variance)
         errors = draws.normals @ cholesky(first.covariance).swapaxes(-1, -2)
         lead = first.nis.shape
         log_weights = np.full((*lead, self.particles), -np.log(self.particles))
-        particles = self._space.displace(first.mean[..., None, :], errors)
+        particles = self.space.displace(first.mean[..., None, :], errors)
         ess = np.full(lead, float(self.particles))
         return ParticleBelief(*first[:7], particles, log_weights, ess, np.zeros(lead))
 
     def step(self, belief: ParticleBelief, command: Array, measurement: Array, dt: float, draws: Draws) -> ParticleBelief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
@@ -128,30 +133,49 @@ class ParticleFilter:
         particles = self._move(particles, command[..., None, :], dt)
         heaviest = np.argmax(log_weights, axis=-1)[..., None, None]
         centre = np.take_along_axis(particles, heaviest, axis=-2)
-        errors = self._space.difference(particles, centre)
+        errors = self.space.difference(particles, centre)
         centre = centre[..., 0, :]
-        reading = self._space.difference(taken(measurement, self.measured), centre)
+        residual, noise, sensitivity = observe(self.measurement_model, self.space, measurement, centre)
 
         root = self.process_noise.root(belief.mean, belief.elapsed)
         mean, covariance = moments(np.exp(log_weights), errors)
-        innovation = innovate(covariance + root @ root.swapaxes(-1, -2), reading - mean, self.measurement_noise)
+        through = None if sensitivity is None else self._through(measurement, centre, sensitivity)
+        apart: Array
+        if through is None:
+            apart = residual - mean
+        elif through.innovations is None:
+            apart = residual - (through.sensitivity @ mean[..., None])[..., 0]
+        else:
+            apart = through.innovations(mean[..., None, :])[..., 0, :]
+        innovation = innovate(covariance + root @ root.swapaxes(-1, -2), apart, noise, sensitivity)
 
-        errors, gained = self.proposal.propose(errors, reading, root, self.measurement_noise, draws.normals)
+        errors, gained = self.proposal.propose(errors, residual, root, noise, draws.normals, through)
         log_weights, log_likelihood = normalize(log_weights + gained)
         mean, covariance = moments(np.exp(log_weights), errors)
         return ParticleBelief(
-            mean=self._space.displace(centre, mean),
+            mean=self.space.displace(centre, mean),
             covariance=covariance,
             innovation=innovation.residual,
             nis=innovation.nis,
             log_likelihood=log_likelihood,
             dof=innovation.dof,
             detection=no_detection(innovation.nis),
-            particles=self._space.displace(centre[..., None, :], errors),
+            particles=self.space.displace(centre[..., None, :], errors),
             log_weights=log_weights,
             ess=effective_sample_size(log_weights),
             elapsed=belief.elapsed + dt,
         )
+
+    def _through(self, reading: Array, centre: Array, sensitivity: Array) -> Through:
+        """How particles whose errors are seen from `centre` (..., n) are read."""
+        model, space = self.measurement_model, self.space
+        if model.linear(space.attitude) is not None:
+            return Through(sensitivity)
+
+        def innovations(errors: Array) -> Array:
+            return model.residual(reading[..., None, :], model.predict(space.displace(centre[..., None, :], errors)))
+
+        return Through(sensitivity, innovations)
 
     def _move(self, particles: Array, command: Array, dt: float) -> Array:
         """Particles after `dt` seconds of `command`; in blocks, so that intermediate states stay in the processor's cache."""
@@ -177,10 +201,10 @@ class ParticleFilter:
         """Copies (resampled trials, particles, n) moved apart a little, since the model would keep them together."""
         if jitter is None:
             raise ValueError("roughening needs normal numbers of its own: Draws.jitter")
-        errors = self._space.difference(copies, mean[..., None, :])
+        errors = self.space.difference(copies, mean[..., None, :])
         width = self.roughening * self.particles ** (-1.0 / self.size) * np.ptp(errors, axis=-2, keepdims=True)
         normals = np.broadcast_to(jitter, (*few.shape, *jitter.shape[-2:]))[few]
-        return self._space.displace(mean[..., None, :], errors + width * normals)
+        return self.space.displace(mean[..., None, :], errors + width * normals)
 
 
 def moments(weights: Array, errors: Array) -> tuple[Array, Array]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,18 +73,28 @@ class MatchedNoise:
         return deviation[..., None] * np.eye(mean.shape[-1])
 
 
+class Through(NamedTuple):
+    """How particles are read, if not as the state itself."""
+
+    sensitivity: Array  # H, (..., d, e), at the state from which errors are seen
+    innovations: Callable[[Array], Array] | None = None  # of errors (..., particles, e), reading minus h, (..., particles, d); None: linear
+
+
 class Proposal(Protocol):
     """An importance density of particles that a model has moved; all in error coordinates as seen from one state near them."""
 
-    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
         """Draw particles and weigh them.
 
         Args:
           errors: of the particles before process noise, (..., particles, e).
-          reading: (..., e), NaN where missing.
+          reading: minus what it would be at the state from which errors are seen, (..., d), NaN where missing.
           root: L with L L' = Q, (..., e, e).
-          noise: R, (..., e, e), block diagonal between components that can go missing apart from each other.
+          noise: R, (..., d, d).
           normals: standard normal numbers, (..., particles, e).
+          through: how particles are read; None: as they are, H = I.
 
         Returns:
           Errors of the particles, (..., particles, e), and what is added to their log weights, (..., particles).
@@ -97,39 +108,62 @@ class Bootstrap:
     Where a reading is much better than a prediction, nearly all particles are drawn where it leaves no weight.
     """
 
-    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
         """Spread by the process noise, then weigh by p(z_k | x_k)."""
         moved = normals @ root.swapaxes(-1, -2) + errors
         whitening, constant = _whitening(noise, ~np.isnan(reading))
-        return moved, _log_density(_innovations(moved, reading), whitening, constant)
+        return moved, _log_density(_innovations(moved, reading, through), whitening, constant)
 
 
 class Optimal:
     """The density of least weight variance, p(x_k | x_k-1, z_k), with weights p(z_k | x_k-1) (Doucet, Godsill & Andrieu 2000, sec. II-D).
 
-    In closed form, since the reading is linear in the error: with S = Q + R of what is read the mean moves by Q S^-1 times the
-    innovation, and the covariance is Q - Q S^-1 Q = L (I + L' R^-1 L)^-1 L'.
+    In closed form where the reading is linear in the error: with S = H Q H' + R of what is read the mean moves by Q H' S^-1 times the
+    innovation, and the covariance is Q - Q H' S^-1 H Q = L (I + L' H' R^-1 H L)^-1 L'. Where it is not, H is that of the state from which
+    errors are seen (their sec. II-D.3), and particles weigh by the ratio p(z_k | x_k) p(x_k | x_k-1) / q(x_k), so that they still come to
+    the posterior; but of two humps that a reading leaves, such as those of a square, all may be drawn from one: then use `Bootstrap`.
     """
 
-    def propose(self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array) -> tuple[Array, Array]:
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
         """Weigh by p(z_k | x_k-1), then move towards the reading and spread by what is left of the process noise."""
         seen = ~np.isnan(reading)
         covariance = root @ root.swapaxes(-1, -2)
-        whitening, constant = _whitening(covariance + noise, seen)
-        innovations = _innovations(errors, reading)
-        weights = _log_density(innovations, whitening, constant)
-        gain = covariance @ whitening.swapaxes(-1, -2) @ whitening
-        inner = _whitening(noise, seen)[0] @ root
+        read = root if through is None else through.sensitivity @ root  # H L
+        shared = covariance if through is None else root @ read.swapaxes(-1, -2)  # Q H'
+        whitening, constant = _whitening((covariance if through is None else read @ read.swapaxes(-1, -2)) + noise, seen)
+        innovations = _innovations(errors, reading, through)
+        gain = shared @ whitening.swapaxes(-1, -2) @ whitening
+        of_noise, factor = _whitening(noise, seen)
+        inner = of_noise @ read
         left = cholesky(symmetrize(np.eye(root.shape[-1]) + inner.swapaxes(-1, -2) @ inner))  # inverse square root times L: what is left
-        return normals @ np.linalg.solve(left, root.swapaxes(-1, -2)) + errors + innovations @ gain.swapaxes(-1, -2), weights
+        moved = normals @ np.linalg.solve(left, root.swapaxes(-1, -2)) + errors + innovations @ gain.swapaxes(-1, -2)
+        if through is None or through.innovations is None:
+            return moved, _log_density(innovations, whitening, constant)
+        # what was drawn as a multiple of L: u = L' H' S^-1 innovation + B^-T normal, where B B' = I + L' H' R^-1 H L
+        drawn = innovations @ (read.swapaxes(-1, -2) @ whitening.swapaxes(-1, -2) @ whitening).swapaxes(-1, -2)
+        drawn = drawn + normals @ np.linalg.solve(left, np.eye(left.shape[-1]))
+        ratio = 0.5 * (_square(normals) - _square(drawn)) - np.sum(np.log(np.diagonal(left, axis1=-2, axis2=-1)), axis=-1)[..., None]
+        return moved, _log_density(_innovations(moved, reading, through), of_noise, factor) + ratio
 
 
 PROPOSALS: dict[str, Proposal] = {"bootstrap": Bootstrap(), "optimal": Optimal()}
 
 
-def _innovations(errors: Array, reading: Array) -> Array:
-    """Reading minus particle, (..., particles, e); finite where the reading is missing, to be whitened to zero."""
-    return np.nan_to_num(reading, nan=0.0)[..., None, :] - errors
+def _innovations(errors: Array, reading: Array, through: Through | None) -> Array:
+    """Reading minus what it would be at each particle, (..., particles, d); finite where the reading is missing, to be whitened to zero."""
+    if through is None:
+        return np.nan_to_num(reading, nan=0.0)[..., None, :] - errors
+    if through.innovations is None:
+        return np.nan_to_num(reading, nan=0.0)[..., None, :] - errors @ through.sensitivity.swapaxes(-1, -2)
+    return np.nan_to_num(through.innovations(errors), nan=0.0)
+
+
+def _square(vector: Array) -> Array:
+    return np.einsum("...i,...i->...", vector, vector)
 
 
 def _whitening(covariance: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -8,9 +8,11 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.block_reading import Block, BlockReading, linear_reading, linearised_reading
 from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
 from estimation.particle import moments
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from models.dynamics.measurement import MeasurementModel
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -90,34 +92,46 @@ class RaoBlackwellisedFilter:
 
     Doucet, de Freitas, Murphy & Russell (2000); Schoen, Gustafsson & Nordlund (2005); Rososhansky (2017, appendix B). A particle that has
     been drawn says something of the other block, as if it had been read: the Gaussian is corrected by s_k and then by the reading.
-    The reading is z = H_s s + H_c c + v. It holds no random numbers: every step is given its own. NaN is a missing component.
+    The reading is z = H_s s + H_c c + v, or what `measurement` says, then linearised at every particle. It holds no random numbers: every
+    step is given its own. NaN is a missing component.
 
     With the optimal proposal particles are drawn from p(s_k | s_1:k-1, z_1:k) and weighed by p(z_k | s_1:k-1, z_1:k-1), both in closed
-    form; with the prior one they are drawn from p(s_k | s_1:k-1, z_1:k-1) and weighed by p(z_k | s_1:k, z_1:k-1).
+    form; with the prior one they are drawn from p(s_k | s_1:k-1, z_1:k-1) and weighed by p(z_k | s_1:k, z_1:k-1). Where the reading is not
+    linear the optimal one is but near: particles then weigh by p(z_k | s_1:k, z_1:k-1) times what they were drawn too seldom.
 
     Attributes:
       model: of both blocks.
-      by_sampled: H_s, (z, s).
+      by_sampled: H_s, (z, s); None where `measurement` is given.
       by_conditional: H_c, (z, c); None: the reading is of the sampled block alone.
-      measurement_noise: R, (z, z), diagonal where components can go missing.
+      measurement_noise: R, (z, z); None where `measurement` is given.
       particles: how many.
       proposal: importance density.
       resampling: scheme.
       threshold: effective share of the particles below which they are resampled.
+      measurement: model of the reading and its noise, of blocks whose errors are counted by components.
+      measured: what it is a model of, a block or both.
+
+    Raises:
+      ValueError: settings out of range, or neither H_s and R nor `measurement`, or both.
     """
 
     model: ConditionalModel
-    by_sampled: Array
+    by_sampled: Array | None
     by_conditional: Array | None
-    measurement_noise: Array
+    measurement_noise: Array | None
     particles: int = 100
     proposal: Literal["optimal", "prior"] = "optimal"
     resampling: Resampling = systematic
     threshold: float = 0.5
+    measurement: MeasurementModel | None = None
+    measured: Block = "both"
 
     def __post_init__(self) -> None:
         if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0):
             raise ValueError(f"particles = {self.particles}, threshold = {self.threshold:g}: need particles >= 2, 0 <= threshold <= 1")
+        given = (self.by_sampled is not None, self.measurement_noise is not None)
+        if given != ((self.measurement is None),) * 2:
+            raise ValueError("the filter needs one of the two: by_sampled and measurement_noise, or measurement, a model of the reading")
 
     def initial(self, sampled: Array, spread: Array, mean: Array, covariance: Array, draws: BlockDraws) -> BlockBelief:
         """Particles around `sampled` (..., s) with covariance `spread`, each with the Gaussian `mean` (..., c), `covariance`."""
@@ -141,25 +155,36 @@ class RaoBlackwellisedFilter:
         """
         belief = self._resample(belief, draws.uniforms)
         joint = self.model.joint(belief.sampled, belief.mean, belief.covariance, command[..., None, :], dt)
-        missing = np.isnan(reading)[..., None, :]
-        seen = ~missing[..., None]
-        value = np.nan_to_num(reading, nan=0.0)[..., None, :]
-        by_sampled, by_conditional = seen * self.by_sampled, None if self.by_conditional is None else seen * self.by_conditional
-        noise = np.where(seen & seen.swapaxes(-1, -2), self.measurement_noise, np.eye(reading.shape[-1]))
+        seen = self._read(reading, joint.sampled, joint.conditional)
+        linear = self.measurement is None or self.measurement.linear("components") is not None
 
+        root: Array | None = None
         if self.proposal == "optimal":
-            sampled, gained = _look_ahead(joint, value, missing, by_sampled, by_conditional, noise, draws.normals)
+            sampled, gained, root = _look_ahead(joint, seen, draws.normals)
         else:
             sampled = joint.sampled + _times(cholesky(joint.spread), draws.normals)
         mean, covariance = _given_sampled(joint, sampled)
+        value, missing, by_sampled, by_conditional, noise = seen if linear else self._read(reading, sampled, mean)
         if by_conditional is None:
             residual = np.where(missing, 0.0, value - _times(by_sampled, sampled))
             seen_late = _log_density(residual, noise, missing)
         else:
             residual = np.where(missing, 0.0, value - _times(by_sampled, sampled) - _times(by_conditional, mean))
             mean, covariance, seen_late = _correct(mean, covariance, residual, missing, by_conditional, noise)
-        log_weights, log_likelihood = normalize(belief.log_weights + (gained if self.proposal == "optimal" else seen_late))
+        if root is None:
+            gained = seen_late
+        elif not linear:
+            gained = seen_late + _log_ratio(joint, sampled, root, draws.normals)
+        log_weights, log_likelihood = normalize(belief.log_weights + gained)
         return BlockBelief(sampled, mean, covariance, log_weights, effective_sample_size(log_weights), log_likelihood)
+
+    def _read(self, reading: Array, sampled: Array, conditional: Array) -> BlockReading:
+        """A reading (..., m), linearised at both blocks where it must be."""
+        if self.measurement is not None:
+            return linearised_reading(reading, self.measurement, self.measured, sampled, conditional)
+        assert self.by_sampled is not None
+        assert self.measurement_noise is not None
+        return linear_reading(reading, self.by_sampled, self.by_conditional, self.measurement_noise)
 
     def _resample(self, belief: BlockBelief, uniforms: Array) -> BlockBelief:
         """Particles with their Gaussians, resampled in those trials where too few count."""
@@ -179,10 +204,12 @@ class RaoBlackwellisedFilter:
         return belief._replace(sampled=sampled, mean=mean, covariance=covariance, log_weights=log_weights)
 
 
-def _look_ahead(
-    joint: Joint, value: Array, missing: Flags, by_sampled: Array, by_conditional: Array | None, noise: Array, normals: Array
-) -> tuple[Array, Array]:
-    """Sampled blocks drawn with the reading in view, (..., particles, s), and the log density of the reading before, (..., particles)."""
+def _look_ahead(joint: Joint, reading: BlockReading, normals: Array) -> tuple[Array, Array, Array]:
+    """Sampled blocks drawn with the reading in view, (..., particles, s), and the log density of the reading before, (..., particles).
+
+    The last is the factor of the covariance that they were drawn with, (..., particles, s, s).
+    """
+    value, missing, by_sampled, by_conditional, noise = reading
     shared = joint.spread @ by_sampled.swapaxes(-1, -2)  # covariance of the sampled block with the reading
     predicted = _times(by_sampled, joint.sampled)
     innovation: Array = by_sampled @ shared + noise
@@ -196,8 +223,19 @@ def _look_ahead(
     innovation = symmetrize(innovation)
     gain = np.linalg.solve(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
     left = symmetrize(joint.spread - gain @ shared.swapaxes(-1, -2))
-    drawn = joint.sampled + _times(gain, residual) + _times(cholesky(left), normals)
-    return drawn, _log_density(residual, innovation, missing)
+    root = cholesky(left)
+    drawn = joint.sampled + _times(gain, residual) + _times(root, normals)
+    return drawn, _log_density(residual, innovation, missing), root
+
+
+def _log_ratio(joint: Joint, sampled: Array, root: Array, normals: Array) -> Array:
+    """Log density of sampled blocks by the model over that of the Gaussian that they were drawn from, (..., particles)."""
+    before = cholesky(joint.spread)
+    white = np.linalg.solve(before, (sampled - joint.sampled)[..., None])[..., 0]
+    squares = np.einsum("...i,...i->...", normals, normals) - np.einsum("...i,...i->...", white, white)
+    diagonals = (np.diagonal(one, axis1=-2, axis2=-1) for one in (root, before))
+    narrow, wide = (np.sum(np.log(one), axis=-1) for one in diagonals)
+    return 0.5 * squares + narrow - wide
 
 
 def _given_sampled(joint: Joint, sampled: Array) -> tuple[Array, Array]:

@@ -47,8 +47,8 @@ class SigmaPoints:
         return out
 
     def moments(self, errors: Array) -> tuple[Array, Array]:
-        """Mean (..., e) and covariance (..., e, e) of points whose coordinates as seen from the central one are `errors` (..., 2 e, e)."""
-        size = errors.shape[-1]
+        """Mean (..., d) and covariance (..., d, d) of what 2 e points have become, as seen from the central one: `errors` (..., 2 e, d)."""
+        size = errors.shape[-2] // 2
         weight = 0.5 / (self.alpha**2 * (size + self.kappa))
         mean = (np.full((1, 2 * size), weight) @ errors)[..., 0, :]
         covariance = weight * (errors.swapaxes(-1, -2) @ errors)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from estimation.extended_kalman import ExtendedFilter, GainLaw
 from estimation.gaussian import Detection, Innovation
+from estimation.shared_reading import reads_alike, share
 
 Array = NDArray[np.floating]
 
@@ -32,7 +33,10 @@ class StackedGain:
         gains, detections = [], []
         for i, law in enumerate(self.laws):
             own = Detection(detection.statistic[i], detection.declared[i], (detection.history[i],))
-            gain, after = law.gain(Innovation(*(part[i] for part in innovation)), own)
+            seen = Innovation(*(part[i] for part in innovation[:5]))
+            if innovation.sensitivity is not None:
+                seen = seen._replace(sensitivity=innovation.sensitivity[i])
+            gain, after = law.gain(seen, own)
             gains.append(gain)
             detections.append(after)
         return np.stack(gains), _join(detections)
@@ -47,20 +51,24 @@ def _join(detections: list[Detection]) -> Detection:
 
 
 def stackable(left: ExtendedFilter, right: ExtendedFilter) -> bool:
-    """Whether two filters share model, coordinates and discretisation, so that only noise and gain tell them apart."""
-    return left.process is right.process and type(left.space) is type(right.space) and left.prediction is right.prediction
+    """Whether two filters share models, coordinates and discretisation, so that only noise and gain tell them apart."""
+    same_models = left.process is right.process and reads_alike(left.measurement, right.measurement)
+    return same_models and type(left.space) is type(right.space) and left.prediction is right.prediction
 
 
 def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
     """One filter that steps all of `filters` (mutually stackable); beliefs are (filters, trials, ...)."""
     first = filters[0]
+    measured = [f.measurement for f in filters if f.measurement is not None]
+    prior = np.broadcast_to(first.prior, (len(filters), 1, *first.prior.shape[-1:])) if measured else first.prior
     return ExtendedFilter(
         process=first.process,
         process_noise=np.stack([f.process_noise for f in filters])[:, None],
-        measurement_noise=np.stack([f.measurement_noise for f in filters])[:, None],
-        prior=first.prior,
+        measurement_noise=None if measured else np.stack([f.measurement_model.noise for f in filters])[:, None],
+        prior=prior,
         prior_variance=first.prior_variance,
         gain=StackedGain(tuple(f.gain for f in filters)),
         space=first.space,
         prediction=first.prediction,
+        measurement=share(measured, lambda noises: np.stack(noises)[:, None]) if measured else None,
     )

@@ -8,12 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.measurement import AttitudeError
 
 Array = NDArray[np.floating]
 
 
 class StateSpace(Protocol):
     """Error coordinates of states, for a covariance to live in; arrays have leading batch axes."""
+
+    @property
+    def attitude(self) -> AttitudeError:
+        """How errors of an attitude are counted."""
+        ...
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Coordinates of `state` as seen from `reference`; (..., n) to (..., e)."""
@@ -25,6 +31,10 @@ class StateSpace(Protocol):
 
     def transition(self, transition: Array, before: Array, after: Array) -> Array:
         """Sensitivity (..., n, n) of states turned into one of error coordinates, (..., e, e)."""
+        ...
+
+    def sensitivity(self, jacobian: Array, state: Array) -> Array:
+        """Sensitivity of a reading to the state's components, (..., d, n), turned into one to its errors, (..., d, e)."""
         ...
 
     def reduce(self, mean: Array, covariance: Array) -> Array:
@@ -45,6 +55,8 @@ def _to_rotation(state: Array) -> Array:
 class Euclidean:
     """Errors of a plain vector, which holds no quaternion: differences."""
 
+    attitude: AttitudeError = "components"
+
     def difference(self, state: Array, reference: Array) -> Array:
         """Component by component; (..., n)."""
         return state - reference
@@ -57,6 +69,10 @@ class Euclidean:
         """Unchanged; (..., n, n)."""
         return transition
 
+    def sensitivity(self, jacobian: Array, state: Array) -> Array:
+        """Unchanged; (..., d, n)."""
+        return jacobian
+
     def reduce(self, mean: Array, covariance: Array) -> Array:
         """Unchanged, since there is no attitude; (..., n, n)."""
         return covariance
@@ -67,6 +83,8 @@ class Additive:
 
     The reading's sign is aligned with the prediction's, and the corrected quaternion is scaled to unit length.
     """
+
+    attitude: AttitudeError = "quaternion"
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Component by component, the quaternion of either sign; (..., n)."""
@@ -84,6 +102,10 @@ class Additive:
         """Unchanged; (..., n, n)."""
         return transition
 
+    def sensitivity(self, jacobian: Array, state: Array) -> Array:
+        """Unchanged; (..., d, n)."""
+        return jacobian
+
     def reduce(self, mean: Array, covariance: Array) -> Array:
         """Covariance with the attitude as a rotation vector in B, (..., n-1, n-1)."""
         to_rotation = _to_rotation(mean)
@@ -93,6 +115,8 @@ class Additive:
 class Signed(Additive):
     """Errors by components of quaternions whose sign is taken as it is: q and -q are two states."""
 
+    attitude: AttitudeError = "components"
+
     def difference(self, state: Array, reference: Array) -> Array:
         """Component by component; (..., n)."""
         return state - reference
@@ -100,6 +124,8 @@ class Signed(Additive):
 
 class Multiplicative:
     """Attitude errors as a rotation vector in B (n-1 error coordinates), the rest by components (Markley & Crassidis 2014, ch. 6.2)."""
+
+    attitude: AttitudeError = "rotation"
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Rotation vector, rad, and the rest; (..., n) to (..., n-1)."""
@@ -118,6 +144,12 @@ class Multiplicative:
         rest = np.arange(3, size - 1)
         spread[..., rest + 1, rest] = 1.0
         return _to_rotation(after) @ transition @ spread
+
+    def sensitivity(self, jacobian: Array, state: Array) -> Array:
+        """Times blockdiag(Xi / 2, I); (..., d, n) to (..., d, n-1)."""
+        by_rotation = jacobian[..., :4] @ (0.5 * quaternion.xi(state[..., :4]))
+        rest = jacobian[..., 4:]
+        return np.concatenate([by_rotation, np.broadcast_to(rest, (*by_rotation.shape[:-1], rest.shape[-1]))], axis=-1)
 
     def reduce(self, mean: Array, covariance: Array) -> Array:
         """Unchanged; (..., n-1, n-1)."""

@@ -1,18 +1,20 @@
-"""Unscented Kalman filter of a fully measured state: the model is asked at sigma points instead of for its Jacobian."""
+"""Unscented Kalman filter: models are asked at sigma points instead of for their Jacobians."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.gaussian import Belief, corrected, first_belief, innovate, joseph
+from estimation.gaussian import Belief, corrected, innovate, joseph
+from estimation.observation import begin, observe_by_points, whole_state
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Additive, StateSpace
+from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
 Array = NDArray[np.floating]
@@ -33,14 +35,16 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class UnscentedFilter:
-    """Predict with sigma points, correct with a reading of the whole state (Julier & Uhlmann 2004; Wan & van der Merwe 2000).
+    """Predict with sigma points, correct with a reading (Julier & Uhlmann 2004; Wan & van der Merwe 2000).
 
     With `Additive` coordinates the quaternion is treated by components as in Hill et al. (2021), whose state is [q, omega]: every sigma
     point and every mean is scaled to unit length, readings of either sign are aligned. With `Multiplicative` ones this is the filter of
     Crassidis & Markley (2003), attitude errors being seen from the central sigma point, but for two things: the error is a rotation
     vector instead of generalised Rodrigues parameters (equal to second order for their f = 2 (a + 1)), and Q is added once, after the
-    prediction, instead of half before and half after. The reading is the whole state, so the correction is linear and Kalman's is exact:
-    points need not be redrawn with Q in them.
+    prediction, instead of half before and half after.
+
+    Where the reading is the whole state, or linear in its errors, Kalman's correction is exact and points need not be redrawn with Q in
+    them. Where `measurement` is another function of the state they are, and go through it.
 
     Missing components of a reading are NaN: a wholly missing reading predicts only. A covariance without a Cholesky factor is repaired
     in its trial alone and counted in `Belief.lost`.
@@ -48,7 +52,7 @@ class UnscentedFilter:
     Attributes:
       process: model dx/dt = f(x, u) of the state, (..., n).
       process_noise: Q of one step in error coordinates, (..., e, e).
-      measurement_noise: R in error coordinates, (..., e, e).
+      measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
       space: error coordinates of the state.
@@ -56,11 +60,15 @@ class UnscentedFilter:
       beta: what is known of the fourth moment; 2 for a Gaussian.
       kappa: secondary spread.
       integrate: discretisation, `process.runge_kutta` or `euler`.
+      measurement: model of the reading and its noise.
+
+    Raises:
+      ValueError: settings of the sigma points that can turn a covariance negative; neither `measurement_noise` nor `measurement`, or both.
     """
 
     process: ProcessModel
     process_noise: Array
-    measurement_noise: Array
+    measurement_noise: Array | None
     prior: Array
     prior_variance: Array
     space: StateSpace = field(default_factory=Additive)
@@ -68,36 +76,48 @@ class UnscentedFilter:
     beta: float = 2.0
     kappa: float = 0.0
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
+    measurement: MeasurementModel | None = None
 
     def __post_init__(self) -> None:
-        _ = self.points  # so that bad settings are refused here
+        _ = self.points, self.measurement_model  # so that bad settings are refused here
 
     @cached_property
     def points(self) -> SigmaPoints:
         """How sigma points are drawn."""
         return SigmaPoints(self.alpha, self.beta, self.kappa)
 
+    @cached_property
+    def measurement_model(self) -> MeasurementModel:
+        """What is read."""
+        return whole_state(self.measurement, self.measurement_noise, self.space)
+
     def initial(self, measurement: Array) -> Belief:
-        """Start from the first reading (..., n) and its noise; what it misses comes from the prior."""
-        belief = first_belief(self.space, measurement, self.measurement_noise, self.prior, self.prior_variance)
+        """Start from the first reading (..., m) and its noise; what it misses comes from the prior."""
+        belief = begin(self.measurement_model, self.space, measurement, self.prior, self.prior_variance)
         return belief._replace(lost=np.zeros(belief.nis.shape))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
-        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., n).
+        """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
 
         Raises:
           LostDefiniteness: the innovation covariance is not positive definite.
         """
         predicted = self.propagate(belief, command, dt)
-        predicted = predicted._replace(covariance=predicted.covariance + self.process_noise)
-        innovation = innovate(predicted.covariance, self.space.difference(measurement, predicted.mean), self.measurement_noise)
+        return self.correct(predicted._replace(covariance=predicted.covariance + self.process_noise), belief, measurement)
+
+    def correct(self, predicted: Predicted, before: Belief, reading: Array, memory: Any = None) -> Belief:
+        """What is believed after a reading (..., m) of what was predicted, process noise included, from the belief `before`."""
+        mean, covariance, lost = predicted
+        observation, repaired = observe_by_points(self.points, self.measurement_model, self.space, reading, mean, covariance)
+        innovation = innovate(covariance, *observation)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
         return corrected(
-            self.space.displace(predicted.mean, correction),
-            joseph(predicted.covariance, innovation.gain, self.measurement_noise),
+            self.space.displace(mean, correction),
+            joseph(covariance, innovation.gain, observation.noise, innovation.sensitivity),
             innovation,
-            belief,
-            predicted.lost,
+            before,
+            lost if repaired is None else np.maximum(lost, repaired),
+            memory,
         )
 
     def propagate(self, belief: Belief, command: Array, dt: float) -> Predicted:

@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.fading import StrongTracking
-from estimation.partly_read import PartlyReadFilter
 from estimation.proposals import ConstantNoise
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
 from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AgentsParameters, compile_agents
 from sim.campaign.blocks import simulate
@@ -118,17 +118,17 @@ def test_a_trial_that_is_lost_drifts_away_and_fails_nothing():
 
 
 def test_the_filter_of_what_is_read_is_the_filter_of_the_whole_state():
-    """With weights that are never read `PartlyReadFilter` is `AdaptiveUnscentedFilter`, at half the cost."""
+    """With weights that are never read, a part of the state is the whole with gaps, at less cost."""
     agent, rng = PlanarAgent(ChebyshevNetwork(order=1)), np.random.default_rng(2)
     process, first = np.diag([1e-6] * 4 + [1e-4] * 10), np.array([1e-8] * 4 + [1.0] * 10)
 
-    def unscented(noise):
-        return UnscentedFilter(agent, process, noise, np.zeros(14), first, Euclidean(), integrate=runge_kutta_of_motion)
+    def adaptive(noise, measurement=None):
+        common = {"integrate": runge_kutta_of_motion, "measurement": measurement}
+        unscented = UnscentedFilter(agent, process, noise, np.zeros(14), first, Euclidean(), **common)
+        return AdaptiveUnscentedFilter(unscented, ConstantNoise(np.sqrt(process)), StrongTracking())
 
-    part = PartlyReadFilter(unscented(1e-8 * np.eye(4)), StrongTracking())
-    whole = AdaptiveUnscentedFilter(
-        unscented(np.diag([1e-8] * 4 + [1.0] * 10)), ConstantNoise(np.diag(np.sqrt(np.diagonal(process)))), StrongTracking()
-    )
+    part = adaptive(None, PartOfState(range(4), 14, 1e-8 * np.eye(4)))
+    whole = adaptive(np.diag([1e-8] * 4 + [1.0] * 10))
     reading = 0.3 + 0.01 * rng.standard_normal((8, 3, 4)).cumsum(axis=0)
     reading[4, 1], reading[5, 2, 2:] = np.nan, np.nan
     padded = np.concatenate([reading, np.full((8, 3, 10), np.nan)], axis=-1)

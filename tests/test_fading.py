@@ -7,11 +7,12 @@ from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.fading import ConstantFading, FadingLaw, StrongTracking, Surprise
 from estimation.gaussian import Belief
 from estimation.proposals import ConstantNoise, MatchedNoise, ProcessNoise
-from estimation.state_space import Additive, Signed
+from estimation.state_space import Signed
 from estimation.unscented import UnscentedFilter
 from models.attitude.quaternion import IDENTITY, angle
 from models.dynamics.process import runge_kutta
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.vector_part_measurement import VectorPart
 
 INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])  # of Rososhansky (2017); its filters believe the diagonal
 BODY, MODEL = (RigidBody(inertia, np.eye(3), np.zeros((3, 0))) for inertia in (INERTIA, np.diag(np.diag(INERTIA))))
@@ -28,8 +29,7 @@ def unscented(**settings) -> UnscentedFilter:
 
 
 def adaptive(fading: FadingLaw, noise: ProcessNoise = PRINTED, **settings) -> AdaptiveUnscentedFilter:
-    space = Signed() if settings.get("measured") == "vector" else Additive()
-    return AdaptiveUnscentedFilter(unscented(space=space), noise, fading, **settings)
+    return AdaptiveUnscentedFilter(unscented(**settings), noise, fading)
 
 
 def tumble(
@@ -126,8 +126,9 @@ def test_the_vector_part_alone_may_lock_onto_a_mirror_image():
     """At half a turn the fourth component changes its sign, which is not read: q and its mirror (q_1:3, -q_4) look alike."""
     turned = np.concatenate([[np.sqrt(1 - 0.02**2), 0.0, 0.0, 0.02], [0.5, 0.0, 0.0]])  # soon beyond half a turn
     lost = {}
-    for measured in ("quaternion", "vector"):
-        path, beliefs = tumble(adaptive(StrongTracking(), MatchedNoise(), measured=measured), 300, start=turned)
+    vector = {"measurement_noise": None, "measurement": VectorPart(NOISE), "space": Signed()}
+    for measured, settings in (("quaternion", {}), ("vector", vector)):
+        path, beliefs = tumble(adaptive(StrongTracking(), MatchedNoise(), **settings), 300, start=turned)
         lost[measured] = angle(beliefs[-1].mean[:, :4], path[-1, :4])
         assert beliefs[-1].dof.tolist() == [4.0 if measured == "quaternion" else 3.0] * 8
     assert lost["quaternion"].max() < 1e-3

@@ -7,10 +7,11 @@ from estimation.extended_kalman import ExtendedFilter
 from estimation.particle import Draws, ParticleBelief, ParticleFilter, moments
 from estimation.proposals import PROPOSALS, Bootstrap, ConstantNoise, MatchedNoise, Optimal
 from estimation.resampling import SCHEMES, multinomial
-from estimation.state_space import Additive, Euclidean, Multiplicative
+from estimation.state_space import Additive, Euclidean, Multiplicative, Signed
 from models.attitude.quaternion import IDENTITY, angle
 from models.dynamics.process import Linearization, runge_kutta
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.vector_part_measurement import VectorPart
 
 every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
 
@@ -142,6 +143,7 @@ START = np.concatenate([VECTOR, [np.sqrt(1 - VECTOR @ VECTOR)], np.ones(3)])
 PRINTED = ConstantNoise.of(1e-6 * np.eye(7))
 NOISE = np.diag([1e-8] * 4 + [1.0] * 3)  # the rates are never read
 TICK = 0.01
+VECTOR = {"measurement_noise": None, "measurement": VectorPart(NOISE), "space": Signed()}
 
 
 def body_filter(**settings) -> ParticleFilter:
@@ -155,7 +157,7 @@ def tumble(filter_: ParticleFilter, ticks: int, trials: int, body=MODEL) -> tupl
     for k in range(ticks):
         reading = np.full((trials, 7), np.nan)
         reading[:, :4] = state[:4] + 1e-4 * rng.standard_normal((trials, 4))
-        reading[rng.random(trials) < 0.5] *= -1.0 if filter_.measured == "quaternion" else 1.0  # the same attitude
+        reading[rng.random(trials) < 0.5] *= 1.0 if isinstance(filter_.space, Signed) else -1.0  # the same attitude
         if k == 0:
             beliefs.append(filter_.initial(reading, next(numbers)))
         else:
@@ -191,7 +193,7 @@ def test_matched_noise_finds_the_rate_of_a_tumbling_body_in_spite_of_a_wrong_ine
 
 def test_the_vector_part_alone_may_lock_onto_a_mirror_image():
     """With the fourth component unread half a radian and more of error explains the readings; with it read, none does."""
-    truth, vector = tumble(body_filter(resampling=multinomial, measured="vector"), 600, 8)
+    truth, vector = tumble(body_filter(resampling=multinomial, **VECTOR), 600, 8)
     far = angle(vector[-1].mean[:, :4], truth[-1, :4])
     assert np.median(far) > 0.5
     assert vector[-1].dof.tolist() == [3.0] * 8
@@ -253,7 +255,7 @@ def test_roughening_moves_copies_apart_and_in_the_resampled_trials_alone():
         {"resampling": SCHEMES["multinomial"], "proposal": Bootstrap()},
         {"resampling": SCHEMES["residual"], "roughening": 0.1},
         {"resampling": SCHEMES["stratified"], "process_noise": MatchedNoise(), "particles": 333},
-        {"resampling": SCHEMES["systematic"], "measured": "vector"},
+        {"resampling": SCHEMES["systematic"]} | VECTOR,
         {"space": Multiplicative(), "process_noise": ConstantNoise(1e-3 * np.eye(6)), "measurement_noise": np.diag([4e-8] * 3 + [1.0] * 3)},
     ],
     ids=["multinomial", "residual", "stratified", "systematic", "multiplicative"],
@@ -284,9 +286,7 @@ def test_a_trial_has_the_same_bits_in_any_company(settings, size):
             np.testing.assert_array_equal(getattr(alone, part)[0], getattr(everyone, part)[some], err_msg=part)
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"particles": 1}, {"threshold": 1.5}, {"roughening": -0.1}, {"measured": "vector", "space": Multiplicative()}]
-)
+@pytest.mark.parametrize("wrong", [{"particles": 1}, {"threshold": 1.5}, {"roughening": -0.1}, VECTOR | {"space": Multiplicative()}])
 def test_settings_that_cannot_work_are_refused(wrong):
     with pytest.raises(ValueError, match="need"):
         body_filter(**wrong)

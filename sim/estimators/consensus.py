@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from control.adaptive_network_law import AdaptiveNetworkLaw
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
 from estimation.fading import ConstantFading
 from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.marginalised_unscented import MarginalisedUnscentedFilter
-from estimation.partly_read import PartlyReadFilter
+from estimation.proposals import ConstantNoise
 from estimation.rao_blackwellised import BlockDraws
 from estimation.resampling import SCHEMES
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
+from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AGENTS
 from sim.estimators.learner_settings import Adaptive, Exact, LoopSettings, Marginalised, Nothing, TuningSettings, Unscented
@@ -115,7 +117,7 @@ class ByAdaptiveLaw(Untaught):
 class ByFilter(Untaught):
     """State and weights by an adaptive unscented filter."""
 
-    def __init__(self, name: str, process: PlanarAgent, joint: PartlyReadFilter) -> None:
+    def __init__(self, name: str, process: PlanarAgent, joint: AdaptiveUnscentedFilter) -> None:
         super().__init__(name, process)
         self.filter = joint
 
@@ -179,15 +181,15 @@ def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: 
             return ByParticles(name, process, marginalised, draws)
 
 
-def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscented) -> PartlyReadFilter:
+def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscented) -> AdaptiveUnscentedFilter:
     """The adaptive unscented filter of state and weights."""
     weights = process.network.size
-    variance = np.array([tuning.state_std**2] * 4 + [tuning.weight_std**2] * weights)
+    noise = ConstantNoise(np.diag([tuning.state_std] * 4 + [tuning.weight_std] * weights))
     first = np.array([tuning.reading_std**2] * 4 + [tuning.first_weight_std**2] * weights)
     unscented = UnscentedFilter(
         process=process,
-        process_noise=np.diag(variance),
-        measurement_noise=tuning.reading_std**2 * np.eye(4),
+        process_noise=noise.matrix**2,
+        measurement_noise=None,
         prior=np.zeros(process.size),
         prior_variance=first,
         space=Euclidean(),
@@ -195,8 +197,9 @@ def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscent
         beta=settings.beta,
         kappa=settings.kappa,
         integrate=runge_kutta_of_motion,
+        measurement=PartOfState(range(4), process.size, tuning.reading_std**2 * np.eye(4)),
     )
-    return PartlyReadFilter(unscented, ConstantFading(settings.fading))
+    return AdaptiveUnscentedFilter(unscented, noise, ConstantFading(settings.fading))
 
 
 def marginalised_filter(process: PlanarAgent, tuning: TuningSettings, settings: Marginalised) -> MarginalisedUnscentedFilter:

@@ -21,7 +21,10 @@ from estimation.stacking import stack, stackable
 from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
 from estimation.unscented import UnscentedFilter, euler
 from models.attitude.quaternion import IDENTITY
+from models.dynamics.measurement import MeasurementModel, WholeState
 from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
+from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.vector_part_measurement import VectorPart
 from models.dynamics.wheel_faults import WheelFault
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants.monolithic import MonolithicParameters
@@ -107,11 +110,11 @@ class Bank:
 
     def initial(self, reading: Array) -> Belief:
         """Belief after the first reading, (trials, 7 + wheels)."""
-        return self.filter.initial(self.measured(reading))
+        return self.filter.initial(reading)
 
     def step(self, belief: Belief, known: Array, reading: Array, dt: float) -> Belief:
         """Belief after `dt` seconds of what is known of the drives, (trials, 2 wheels) or (trials, 3), and a reading."""
-        return self.filter.step(belief, self.inputs(known), self.measured(reading), dt)
+        return self.filter.step(belief, self.inputs(known), reading, dt)
 
     def summary(self, belief: Belief) -> Belief:
         """The belief as it is."""
@@ -141,10 +144,6 @@ class Bank:
     def inputs(self, known: Array) -> Array:
         """What drives its model, of commanded torques and read speeds of the wheels (trials, 2 wheels)."""
         return known[..., : known.shape[-1] // 2] if self.speeds_are_states and not self.whole else known
-
-    def measured(self, reading: Array) -> Array:
-        """What it takes for a measurement of a reading (trials, 7 + wheels)."""
-        return reading if self.speeds_are_states or self.whole else reading[..., :7]
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +201,20 @@ def _single(
         process = models.with_drag if tuning.wheel_drag else models.plain
     else:
         process = believed(models.parameters, tuning.wheel_drag, fault)
+    by_vector = isinstance(settings, Aukf | Pf) and settings.measured == "vector"
+    space: StateSpace = Multiplicative() if multiplicative else Signed() if by_vector else Additive()
+    noise_of_reading = np.diag(np.repeat(unit * r, counts))
+    read: MeasurementModel = VectorPart(noise_of_reading) if by_vector else WholeState(noise_of_reading, space.attitude)
+    if not models.speeds_are_states:
+        read = PartOfReading(read, slice(0, 7))  # wheel speeds are inputs
     common: dict[str, Any] = {
         "process": process,
         "process_noise": np.diag(np.repeat(unit * q, counts)),
-        "measurement_noise": np.diag(np.repeat(unit * r, counts)),
+        "measurement_noise": None,
+        "measurement": read,
         "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
         "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
-        "space": Multiplicative() if multiplicative else Additive(),
+        "space": space,
     }
     explicit = settings.discretization == "euler"
     noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
@@ -220,16 +226,13 @@ def _single(
             resampling=SCHEMES[settings.resampling],
             threshold=settings.threshold,
             roughening=settings.roughening,
-            measured=settings.measured,
             integrate=euler if explicit else runge_kutta,
         )
     if isinstance(settings, Ukf):
         common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
-        if isinstance(settings, Aukf) and settings.measured == "vector":
-            common["space"] = Signed()
         unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
         if isinstance(settings, Aukf):
-            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law, settings.measured)
+            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law)
         return unscented
     return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
 

@@ -18,6 +18,7 @@ from estimation.resampling import SCHEMES
 from estimation.state_space import Euclidean, StateSpace
 from estimation.unscented import UnscentedFilter
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.measurement import PartOfState
 from sim.estimators.rodrigues_settings import AukfSettings, PfSettings
 from sim.formation_randomness import ParticleDraws
 from sim.plant.formation import Parameters
@@ -109,22 +110,21 @@ class AgentsFilter:
 
     def _step(self, belief: Any, torque: Any, reading: Array, dt: float) -> Watched:
         """Believe on from `belief`, or begin if it is None, of a reading of sigma (trials, agents, 3)."""
-        measured = np.concatenate([reading, np.full(reading.shape, np.nan)], axis=-1)
         lead = reading.shape[:-1]
         if isinstance(self.filter, ParticleFilter):
             assert self.draws is not None
             draws = self.draws.tick()
-            first: Any = self.filter.initial(measured, draws)
+            first: Any = self.filter.initial(reading, draws)
             if belief is None:
                 return Watched(first, np.zeros(lead, dtype=bool))
-            after: Any = self.filter.step(belief, torque, measured, dt, draws)
+            after: Any = self.filter.step(belief, torque, reading, dt, draws)
             lost = _lost(after.particles, reading[..., None, :]).any(axis=-1) | _lost(after.mean, reading)
         else:
             if belief is None:
-                return Watched(self.filter.initial(measured), np.zeros(lead, dtype=bool))
-            after = self.filter.step(belief, torque, measured, dt)
+                return Watched(self.filter.initial(reading), np.zeros(lead, dtype=bool))
+            after = self.filter.step(belief, torque, reading, dt)
             lost = _lost(after.mean, reading)
-            first = self.filter.initial(measured) if lost.any() else after
+            first = self.filter.initial(reading) if lost.any() else after
         return Watched(choose(lost, first, after) if lost.any() else after, lost)
 
 
@@ -139,13 +139,13 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Paramet
     process = AttitudeByRodrigues(plant.believed_inertia[:, None])  # one more axis: sigma points or particles
     rate = settings.rate_process_deviation or settings.process_deviation
     noise = ConstantNoise(np.diag(np.repeat([settings.process_deviation, rate], 3)))
-    reading = settings.reading_deviation**2 * np.eye(6)
+    sigma = PartOfState(range(3), 6, settings.reading_deviation**2 * np.eye(3))
     prior, variance = np.zeros(6), np.full(6, settings.start_rate_deviation**2)
     if isinstance(settings, PfSettings):
         filtered = ParticleFilter(
             process,
             noise,
-            reading,
+            None,
             prior,
             variance,
             particles=settings.particles,
@@ -153,10 +153,11 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Paramet
             resampling=SCHEMES[settings.resampling],
             threshold=settings.threshold,
             space=Euclidean(),
+            measurement=sigma,
         )
         return AgentsFilter(name, filtered, ParticleDraws.of(name, seed, trials, plant.agents, settings.particles, 6))
     law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
-    unscented = UnscentedFilter(
-        process, noise.matrix @ noise.matrix.T, reading, prior, variance, Euclidean(), settings.alpha, settings.beta, settings.kappa
-    )
+    spread = settings.alpha, settings.beta, settings.kappa
+    covariance = noise.matrix @ noise.matrix.T
+    unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
     return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, law), None)

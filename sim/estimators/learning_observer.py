@@ -13,7 +13,9 @@ from estimation.joint_unscented import JointUnscentedFilter
 from estimation.state_space import StateSpace
 from models.attitude.quaternion import IDENTITY
 from models.dynamics.learned_torque import BodyWithLearnedTorque
+from models.dynamics.measurement import WholeState
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.stacked_measurement import PartOfReading
 from models.plants.nacs import NacsParameters
 from sim.estimators.learning_settings import Learning
 from sim.plant.kinds import Parameters
@@ -43,12 +45,12 @@ class LearningObserver:
 
     def initial(self, measurement: Array) -> Belief:
         """Belief after the first reading, (trials, 7 + wheels)."""
-        return self._reduced(self.filter.initial(measurement[None, ..., :7]), np.nan_to_num(measurement[None, ..., 7:]))
+        return self._reduced(self.filter.initial(measurement[None]), np.nan_to_num(measurement[None, ..., 7:]))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
         """Belief after `dt` seconds of [motor torques, wheel speeds before], (trials, 2 wheels), and a reading, (trials, 7 + wheels)."""
         memory: LearningMemory = belief.memory
-        after = self.filter.step(memory.belief, command[None], measurement[None, ..., :7], dt)
+        after = self.filter.step(memory.belief, command[None], measurement[None], dt)
         before, speed = command[..., measurement.shape[-1] - 7 :], measurement[..., 7:]
         return self._reduced(after, np.where(np.isnan(speed), before, speed)[None])
 
@@ -73,7 +75,7 @@ def learning_observer(settings: Learning, parameters: Parameters, sensors: Senso
         process=model,
         process_noise=state_noise,
         parameter_noise=settings.walk(model.parameters) ** 2,
-        measurement_noise=reading_noise,
+        measurement_noise=None,
         prior=np.concatenate([IDENTITY, np.zeros(3)]),
         prior_variance=np.repeat([1.0, settings.initial_rate_rad_s**2], 3),
         parameter_variance=np.full(model.parameters, settings.first_weight_nm**2),
@@ -81,5 +83,6 @@ def learning_observer(settings: Learning, parameters: Parameters, sensors: Senso
         beta=settings.beta,
         kappa=settings.kappa,
         fading=settings.fading.law,
+        measurement=PartOfReading(WholeState(reading_noise, "rotation"), slice(0, 7)),  # wheel speeds are inputs
     )
     return LearningObserver(joint, model)

@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 from estimation.extended_kalman import GainLaw, KalmanGain
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
 from estimation.sliding_innovation import SlidingGain
-from estimation.vector_part import Measured
 from models.dynamics.wheel_faults import WheelFault, lost_axis
 from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators.fading import FadingSettings, NoFadingSettings
@@ -19,6 +18,8 @@ from sim.estimators.learning_settings import Learning
 from sim.estimators.tunings import LEAST_VARIANCE, TUNINGS, Tuning
 
 Array = NDArray[np.floating]
+
+Measured = Literal["quaternion", "vector"]  # what a filter takes of a reading's attitude
 
 
 class ExtendedSettings(Section):
