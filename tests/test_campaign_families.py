@@ -113,8 +113,8 @@ def test_what_is_dispersed_is_drawn_for_each_trial(nacs, tmp_path):
 def test_a_trial_that_fails_harms_no_other(tmp_path, monkeypatch):
     campaign = load_campaign(write(tmp_path, SWEEP.replace("shard = 2", "shard = 3")))
 
-    def failing(scenario, trials, recorded):
-        whole = simulate(scenario, trials, recorded)
+    def failing(scenario, trials, recorded, campaign=None):
+        whole = simulate(scenario, trials, recorded, campaign=campaign)
         alive = whole.trials[whole.trials != 1]
         metrics = [metric.of(whole.trials, alive) for metric in whole.metrics]
         return TrialBlock(alive, metrics, {}, (LostTrial(1, 10, 0.1, "it broke"),))

@@ -65,7 +65,7 @@ def flown(described, loop="truth", trials=1, recorded=1):
 def test_mujoco_refuses_every_printed_tensor(agent):
     alone = FormationParameters(inertia_kg_m2=(PRINTED[agent],), believed_inertia_kg_m2=(BELIEVED[agent],))
     with pytest.raises(ValueError, match="A \\+ B >= C"):
-        prepare_formation(alone).compile()
+        prepare_formation(alone).spec.compile()
     with pytest.raises(ImpossibleInertia, match="agent 1: no rigid body has it"):
         compile_formation(alone)
 

@@ -14,15 +14,16 @@ from models.dynamics.process import runge_kutta
 from models.plants.formation_nacs import FormationNacsParameters, compile_testbeds
 from models.plants.inertia import point_mass
 from models.plants.nacs import WHEELS, NacsParameters, compile_nacs
+from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
-from sim.controllers.drives import Drives
+from sim.controllers.drives import effectors
 from sim.faults.formation import schedule
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.results import rows
 from sim.plant.batch import Plant, Truth
-from sim.plant.formation import FormationPlant, formation_plant
+from sim.plant.formation import FormationPlant
 from sim.report.register import write_report
 from sim.rerun.register import write_recording
 from sim.scenario import files
@@ -175,7 +176,8 @@ def test_the_law_s_torque_gives_the_wanted_acceleration_whatever_the_wheels_hold
 def drives(testbed=None, faults=(), ticks=10):
     described = scenario(ticks=ticks, faults=faults)
     laid = schedule(described.faults, ticks, 0.01, described.communication(), described.loops["truth"].law.gains, 1e-4, 4)
-    return Drives(testbed or NacsParameters.model_validate(QUIET), 6, laid, 5, np.arange(2), 0.01)
+    own = FormationNacsParameters(testbed=testbed or NacsParameters.model_validate(QUIET))
+    return effectors(own, compile_testbeds(own), laid, 5, np.arange(2), 0.01)
 
 
 def test_wheels_give_the_body_what_is_asked():
@@ -313,7 +315,9 @@ def test_more_inertia_is_given_to_every_bus_and_centres_of_mass_are_kept():
 def test_balance_masses_go_to_their_set_points():
     parameters = FormationNacsParameters(testbed=NacsParameters.model_validate(IDEAL | {"balance_position_mm": (10.0, -5.0, 2.0)}))
     assembly = compile_testbeds(parameters)
-    plant = formation_plant(parameters, assembly, 1)
+    plant = FormationPlant(assembly, 1)
+    for actuator, place in kind_of(parameters).holds(parameters).items():
+        plant.hold(actuator, place)
     plant.advance(np.zeros((1, 24)), np.zeros(3), 100)
     where = [int(assembly.model.joint(f"testbed_{n + 1}/balance_{axis}").qposadr[0]) for n in range(6) for axis in "xyz"]
     np.testing.assert_allclose(plant.truth().qpos[0, where], 6 * [0.010, -0.005, 0.002], rtol=0, atol=1e-5)

@@ -140,7 +140,7 @@ def test_trials_can_be_of_different_inertia_and_are_the_same_in_any_company():
 
     def tumble(some: slice) -> np.ndarray:
         plant = fresh(trials=len(nothing[some]))
-        plant.disperse(Dispersion(tensors[some], np.zeros_like(tensors[some, 0]), nothing[some], nothing[some], nothing[some]))
+        plant.disperse(Dispersion(tensors[some], np.zeros_like(tensors[some, 0]), {}))
         return fly(plant, 20, np.array([0.1, -0.1, 0.05]))
 
     everyone = tumble(slice(None))

@@ -14,7 +14,7 @@ from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.motion import motion
 from sim.plant.batch import Plant
-from sim.plant.formation import compile_agents
+from sim.plant.kinds import compile_plant
 from sim.scenario import files
 
 ONE = ("--set", "run.ticks=4", "--set", "faults=[]")
@@ -109,7 +109,7 @@ def test_free_agents_are_where_and_as_their_plant_has_them() -> None:
     data = mujoco.MjData(moved.scene)
     data.qpos[:] = moved.qpos[2]
     mujoco.mj_forward(moved.scene, data)
-    bodies = [int(moved.scene.joint(name).bodyid[0]) for name in compile_agents(scenario.plant).attitude_joints]
+    bodies = [int(moved.scene.joint(name).bodyid[0]) for name in compile_plant(scenario.plant).attitude_joints]
     np.testing.assert_allclose(data.xpos[bodies], scenario.plant.places, atol=1e-12)
     turned = data.xquat[bodies][:, [1, 2, 3, 0]]
     np.testing.assert_allclose(np.abs(np.sum(turned * flown.channels["truth/q_BN"][2, 0], axis=-1)), 1.0, atol=1e-12)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -13,10 +12,13 @@ from numpy.typing import NDArray
 
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
-from models.plants import provenance
-from models.plants.assembly import Assembly, MassProperties
+from models.dynamics.planar_body import PlanarBody
+from models.dynamics.state_layout import StateLayout
+from models.plants.assembly import Assembly, MassProperties, Prepared
 from models.plants.provenance import known
-from models.sections import Positive, Section, Sextuple
+from models.plants.register.kind import PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.sections import Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -27,7 +29,7 @@ Pair = tuple[float, float]
 Six = Sextuple
 
 
-class AgentsParameters(Section):
+class AgentsParameters(PlantParameters):
     """Every number of the agents; `json_schema_extra` of a field holds its unit and provenance."""
 
     type: Literal["agents"] = "agents"
@@ -48,10 +50,6 @@ class AgentsParameters(Section):
         "chosen by measurement: docs/consensus.md",
     )
 
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
-
     @cached_property
     def start(self) -> Array:
         """[x, v] of every agent at t = 0, (agents, 4)."""
@@ -70,9 +68,8 @@ def disturbance(time: Array | float, amplitude: Array | float, frequency: Array 
     return np.asarray(amplitude)[..., None, None] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
 
-def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
-    """Compile the agents; they have neither an attitude nor wheels."""
-    parameters = parameters or AgentsParameters()
+def prepare_agents(parameters: AgentsParameters) -> Prepared:
+    """Fill agents.xml with parameters."""
     spec = mujoco.MjSpec.from_file(str(MJCF))
     spec.option.timestep = parameters.step_s
     for body in spec.bodies[1:]:
@@ -82,6 +79,13 @@ def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
     def refuse(inertia: Array, centre_of_mass: Array) -> MassProperties:  # noqa: ARG001
         raise ValueError("agents that only slide have no inertia to change")
 
+    return Prepared(spec, refuse)
+
+
+def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
+    """Compile the agents; they have neither an attitude nor wheels."""
+    parameters = parameters or AgentsParameters()
+    spec, refuse = prepare_agents(parameters)
     return Assembly(
         model=spec.compile(),
         draw=spec.compile,
@@ -99,3 +103,14 @@ def compile_agents(parameters: AgentsParameters | None = None) -> Assembly:
         reassemble=refuse,
         keyframe="start",
     )
+
+
+PLANT_KIND = PlantKind(
+    parameters=AgentsParameters,
+    says="six agents in the plane with unknown dynamics",
+    family="consensus",
+    compile=compile_agents,
+    prepare=prepare_agents,
+    believed=lambda parameters, *_: PlanarBody(parameters.mass_kg),
+    layout=lambda _: StateLayout.in_the_plane(AGENTS),
+)

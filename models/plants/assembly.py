@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.process import ProcessModel
-from models.plants.inertia import why_impossible
+from models.plants.inertia import point_mass, principal, why_impossible
 
 Array = NDArray[np.floating]
 
@@ -26,6 +26,35 @@ class MassProperties:
     centre_of_mass: Array  # (..., 3) m, in the body's frame
     moments: Array  # (..., 3) kg m2, principal, about the centre of mass
     axes: Array  # (..., 4) scalar-first quaternion of the principal axes
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """A body with others attached to it, of which all is known but what it is by itself.
+
+    Attributes:
+      name: of its MuJoCo body.
+      mass: its own, kg.
+      whole: mass of everything, kg.
+      moment: first moment of what is attached about the origin of B, (3,) kg m.
+      inertia: of what is attached, locked, about the origin of B, (3, 3) kg m2.
+      about_mass_centre: whether inertias of the whole are given about its own centre of mass; else about the origin of B.
+    """
+
+    name: str
+    mass: float
+    whole: float
+    moment: Array
+    inertia: Array
+    about_mass_centre: bool
+
+    def reassemble(self, inertia: Array, centre_of_mass: Array) -> MassProperties:
+        """What it must be so that the whole has `inertia`, (..., 3, 3) kg m2, and its `centre_of_mass`, (..., 3) m in B."""
+        place = np.asarray(centre_of_mass)
+        position = (self.whole * place - self.moment) / self.mass
+        about_origin = inertia + point_mass(self.whole, place) if self.about_mass_centre else inertia
+        moments, axes = principal(about_origin - self.inertia - point_mass(self.mass, position))
+        return MassProperties(self.name, np.full(position.shape[:-1], self.mass), position, moments, axes)
 
 
 class ImpossibleInertia(ValueError):
@@ -126,3 +155,69 @@ class Assembly:
     def scene(self) -> mujoco.MjModel:
         """What a person looks at; compiled when somebody does."""
         return self.draw()
+
+
+@dataclass(frozen=True)
+class Wheels:
+    """A body's reaction wheels, all alike.
+
+    Attributes:
+      names: of their bodies, hinges and actuators.
+      axes: in B, (3, wheels).
+      torque_limit: N m a wheel.
+      inertia: about the spin axis, kg m2.
+      dry_friction: of a bearing, N m.
+      speed_limit: rad/s.
+    """
+
+    names: tuple[str, ...] = ()
+    axes: Array = field(default_factory=lambda: np.zeros((3, 0)))
+    torque_limit: float = 0.0
+    inertia: float = 0.0
+    dry_friction: float = 0.0
+    speed_limit: float = np.inf
+
+
+def assemble(
+    prepared: Callable[[], Prepared], whole: Whole, joint: str, process: ProcessModel, wheels: Wheels | None = None, keyframe: str = "rest"
+) -> Assembly:
+    """Compile one body.
+
+    Args:
+      prepared: makes its specification anew; once for what is stepped, again for what is drawn.
+      whole: its mass properties.
+      joint: ball or free joint that it turns in.
+      process: its analytic model.
+      wheels: None: it has none.
+      keyframe: named start.
+
+    Raises:
+      ImpossibleInertia: as `prepared` does.
+    """
+
+    def draw() -> mujoco.MjModel:
+        return prepared().spec.compile()
+
+    spec, reassemble = prepared()
+    spec.compiler.discardvisual = True
+    momentum = mujoco.mjtSensor.mjSENS_SUBTREEANGMOM
+    if not any(sensor.type == momentum for sensor in spec.sensors):  # without it MuJoCo does not work the momentum out
+        spec.add_sensor(type=momentum, objtype=mujoco.mjtObj.mjOBJ_BODY, objname=spec.joint(joint).parent.name)
+    own = wheels or Wheels()
+    return Assembly(
+        model=spec.compile(),
+        draw=draw,
+        attitude_joints=(joint,),
+        wheel_joints=own.names,
+        wheel_actuators=own.names,
+        wheel_axes=own.axes,
+        wheel_torque_limit=own.torque_limit,
+        wheel_speed_limit=own.speed_limit,
+        wheel_inertia=own.inertia,
+        inertia=whole.inertia,
+        centre_of_mass=whole.centre_of_mass,
+        wheel_friction=own.dry_friction,
+        process=process,
+        reassemble=reassemble,
+        keyframe=keyframe,
+    )

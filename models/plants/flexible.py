@@ -8,11 +8,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from models.dynamics.state_layout import StateLayout
 from models.plants import inertia as mass_geometry
-from models.plants.assembly import Assembly, MassProperties, Prepared, prepare
+from models.plants.assembly import Assembly, Carrier, Prepared, assemble, prepare
 from models.plants.flexible_parameters import FlexibleParameters
 from models.plants.flexible_picture import draw_to_size
-from models.plants.wheels import mount
+from models.plants.register.kind import Joint, PlantKind
+from models.plants.wheels import FRICTIONS, alike, joints_of, mount
 
 Array = NDArray[np.floating]
 
@@ -35,40 +37,16 @@ def prepare_flexible(parameters: FlexibleParameters) -> Prepared:
     draw_to_size(spec, PANELS, size, parameters.look)
     mount(spec, WHEELS, parameters)
     _set_panels(spec, parameters)
-    attached = _attached(spec, parameters)
-
-    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
-        return _hub(parameters, attached, inertia, centre_of_mass)
-
-    return prepare(spec, parameters, reassemble, "panels and wheels")
+    wheels, panels = len(WHEELS) * parameters.wheel_mass_kg, len(PANELS) * parameters.panel_mass_kg
+    own = parameters.mass_kg - wheels - panels
+    hub = Carrier("hub", own, parameters.mass_kg, *_attached(spec, parameters), about_mass_centre=True)
+    return prepare(spec, parameters, hub.reassemble, "panels and wheels")
 
 
 def compile_flexible(parameters: FlexibleParameters | None = None) -> Assembly:
     """Compile the flexible spacecraft; raises ImpossibleInertia as `prepare_flexible` does."""
-    parameters = parameters or FlexibleParameters()
-    spec, reassemble = prepare_flexible(parameters)
-
-    def draw() -> mujoco.MjModel:
-        return prepare_flexible(parameters).spec.compile()
-
-    spec.compiler.discardvisual = True
-    return Assembly(
-        model=spec.compile(),
-        draw=draw,
-        attitude_joints=("hub",),
-        wheel_joints=WHEELS,
-        wheel_actuators=WHEELS,
-        wheel_axes=parameters.wheel_axes,
-        wheel_torque_limit=parameters.torque_limit,
-        wheel_speed_limit=np.inf,
-        wheel_inertia=parameters.wheel_inertia_kg_m2,
-        inertia=parameters.inertia,
-        centre_of_mass=parameters.centre_of_mass,
-        wheel_friction=parameters.wheel_coulomb_nm,
-        process=parameters.process(),
-        reassemble=reassemble,
-        keyframe="rest",
-    )
+    chosen = parameters or FlexibleParameters()
+    return assemble(lambda: prepare_flexible(chosen), chosen, "hub", chosen.process(), alike(WHEELS, chosen))
 
 
 def _set_panels(spec: mujoco.MjSpec, parameters: FlexibleParameters) -> None:
@@ -93,11 +71,21 @@ def _attached(spec: mujoco.MjSpec, parameters: FlexibleParameters) -> tuple[Arra
     return parameters.wheel_mass_kg * wheels.sum(0), own + placed
 
 
-def _hub(parameters: FlexibleParameters, attached: tuple[Array, Array], inertia: Array, centre_of_mass: Array) -> MassProperties:
-    """What the hub alone must be so that the whole has `inertia` about its own centre of mass, which is at `centre_of_mass`."""
-    moment, beside = attached
-    mass = parameters.mass_kg - len(WHEELS) * parameters.wheel_mass_kg - len(PANELS) * parameters.panel_mass_kg
-    position = (parameters.mass_kg * np.asarray(centre_of_mass) - moment) / mass
-    about_origin = inertia + mass_geometry.point_mass(parameters.mass_kg, np.asarray(centre_of_mass))
-    moments, axes = mass_geometry.principal(about_origin - beside - mass_geometry.point_mass(mass, position))
-    return MassProperties("hub", np.full(position.shape[:-1], mass), position, moments, axes)
+def _joints(parameters: FlexibleParameters) -> dict[str, Joint]:
+    """What resists in wheels' bearings and panels' hinges."""
+    return joints_of(WHEELS, parameters) | dict.fromkeys(PANELS, Joint(stiffness=parameters.spring))
+
+
+PLANT_KIND = PlantKind(
+    parameters=FlexibleParameters,
+    says="a spacecraft with two sprung panels and four reaction wheels",
+    compile=compile_flexible,
+    prepare=prepare_flexible,
+    believed=lambda parameters, _, fault: parameters.process(fault),  # wheel speeds are read, whatever slows them
+    layout=lambda _: StateLayout.of_a_body(0),
+    joints=_joints,
+    dispersible=("inertia_kg_m2", "wheel_coulomb_nm", "wheel_viscous_nms", "panel_spring_nm_rad", "mode_frequency_factor"),
+    effects=FRICTIONS,
+    linear_channel=lambda parameters, axis: parameters.linear_channel(axis),
+    variant=lambda parameters: parameters.set,
+)

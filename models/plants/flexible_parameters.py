@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -12,11 +11,11 @@ from pydantic import model_validator
 from models.dynamics.rigid_body import RigidBody
 from models.dynamics.wheel_faults import WheelFault
 from models.plants import inertia as mass_geometry
-from models.plants import provenance
 from models.plants.appendage import FlexibleChannel
 from models.plants.provenance import known
+from models.plants.register.parameters import PlantParameters
 from models.plants.wheels import pyramid
-from models.sections import NonNegative, Positive, Section, Sextuple
+from models.sections import NonNegative, Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -43,13 +42,14 @@ FLEXIBLE_SETS: dict[str, dict[str, Any]] = {
 }
 
 
-class FlexibleParameters(Section):
+class FlexibleParameters(PlantParameters):
     """Every number of the flexible spacecraft, of a named set unless given; `json_schema_extra` of a field: unit and provenance.
 
     Azimuth is about z of B, along the panels, and elevation about x, along their hinges. Panels along y would not do: whatever its shape, a
     mode with coupling 0.5 to 15 000 kg m2 takes 7500 kg m2 of panels about x, and those along y have as much about z, more than 6000.
     """
 
+    type: Literal["flexible"] = "flexible"
     set: Literal["boeing702", "panelsat"] = known(
         "boeing702",
         "named set that gives whatever is not given",
@@ -123,11 +123,6 @@ class FlexibleParameters(Section):
         return mass_geometry.tensor(self.inertia_kg_m2)
 
     @property
-    def centre_of_mass(self) -> Array:
-        """Of the whole from the origin of B, (3,) m: there, whatever the wheels and elevation do."""
-        return np.zeros(3)
-
-    @property
     def wheel_axes(self) -> Array:
         """Spin axes in B, (3, 4)."""
         return pyramid(np.radians(self.wheel_azimuth_deg), np.radians(90.0 - self.wheel_cant_deg))
@@ -163,7 +158,3 @@ class FlexibleParameters(Section):
         """Analytic model in seven states that believes the panels locked; its command: four motor torques, four wheel speeds as read."""
         motors = (fault or WheelFault.healthy(self.wheel_axes.shape[1])).on_body(self.wheel_axes)
         return RigidBody(self.inertia, motors.torque_map, self.wheel_inertia_kg_m2 * self.wheel_axes, motors.constant_torque_B)
-
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,11 +13,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.state_layout import StateLayout
 from models.plants import inertia as mass_geometry
-from models.plants import provenance
-from models.plants.assembly import Assembly, ImpossibleInertia, MassProperties
+from models.plants.assembly import Assembly, ImpossibleInertia, MassProperties, Prepared
 from models.plants.provenance import known
-from models.sections import Positive, Section, Sextuple
+from models.plants.register.kind import PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.sections import Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -43,9 +44,10 @@ BELIEVED: tuple[Sextuple, ...] = tuple((xx, yy, zz, 0.0, 0.0, 0.0) for xx, yy, z
 INERTIA_SETS = {"physical": PHYSICAL, "printed": PRINTED}
 
 
-class FormationParameters(Section):
+class FormationParameters(PlantParameters):
     """Every number of the spacecraft; `json_schema_extra` of a field holds its unit and provenance."""
 
+    type: Literal["formation"] = "formation"
     inertia_kg_m2: Literal["physical", "printed"] | tuple[Sextuple, ...] = known(
         "physical",
         "of each agent about its centre of mass: a named set or rows [xx, yy, zz, xy, xz, yz]",
@@ -85,6 +87,16 @@ class FormationParameters(Section):
         """How many."""
         return len(self.inertia)
 
+    @property
+    def centres_of_mass(self) -> Array:
+        """Of each, (agents, 3) m: in the origin of its B."""
+        return np.zeros((self.agents, 3))
+
+    @property
+    def printed(self) -> bool:
+        """Whether they have the printed tensors, which no rigid bodies have."""
+        return self.inertia_kg_m2 == "printed"
+
     @cached_property
     def places(self) -> Array:
         """On a ring that stands upright around the leader's place, the first above, (agents, 3) m."""
@@ -96,17 +108,13 @@ class FormationParameters(Section):
         """Analytic model of all agents at once, true or as believed."""
         return AttitudeByRodrigues(self.believed_inertia if believed else self.inertia)
 
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
-
 
 def colour(agent: int, agents: int) -> tuple[float, float, float]:
     """Of an agent in every picture, red, green, blue in 0..1."""
     return colorsys.hls_to_rgb(agent / agents, 0.58, 0.72)
 
 
-def prepare_formation(parameters: FormationParameters) -> mujoco.MjSpec:
+def prepare_formation(parameters: FormationParameters) -> Prepared:
     """All agents with their tensors, not yet compiled; MuJoCo refuses to compile those of the printed set."""
     spec = mujoco.MjSpec()
     spec.copy_during_attach = True
@@ -129,7 +137,12 @@ def prepare_formation(parameters: FormationParameters) -> mujoco.MjSpec:
     rest[:, :3] = parameters.places
     spec.add_key(name="rest", qpos=rest.ravel())
     _light(spec, parameters)
-    return spec
+
+    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
+        moments, axes = mass_geometry.principal(inertia)
+        return MassProperties("craft_1/hull", np.full(inertia.shape[:-2], parameters.mass_kg), centre_of_mass, moments, axes)
+
+    return Prepared(spec, reassemble)
 
 
 def _light(spec: mujoco.MjSpec, parameters: FormationParameters) -> None:
@@ -154,7 +167,7 @@ def compile_formation(parameters: FormationParameters | None = None) -> Assembly
       ImpossibleInertia: no rigid body has an agent's tensor, and it is not of the printed set.
     """
     parameters = parameters or FormationParameters()
-    printed = parameters.inertia_kg_m2 == "printed"
+    printed = parameters.printed
     for number, tensor in enumerate(parameters.inertia):
         if not printed and (reason := mass_geometry.why_impossible(tensor)):
             raise ImpossibleInertia(
@@ -164,7 +177,7 @@ def compile_formation(parameters: FormationParameters | None = None) -> Assembly
     names = tuple(f"craft_{number + 1}/hull" for number, _ in enumerate(parameters.places))
 
     def compiled(visual: bool) -> mujoco.MjModel:
-        spec = prepare_formation(parameters)
+        spec = prepare_formation(parameters).spec
         spec.compiler.discardvisual = not visual
         moments = [spec.body(name).inertia.copy() for name in names]
         for name in names if printed else []:
@@ -174,10 +187,6 @@ def compile_formation(parameters: FormationParameters | None = None) -> Assembly
             model.body_inertia[model.body(name).id] = values
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
-
-    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
-        moments, axes = mass_geometry.principal(inertia)
-        return MassProperties("craft_1/hull", np.full(inertia.shape[:-2], parameters.mass_kg), centre_of_mass, moments, axes)
 
     return Assembly(
         model=compiled(visual=False),
@@ -190,9 +199,26 @@ def compile_formation(parameters: FormationParameters | None = None) -> Assembly
         wheel_speed_limit=np.inf,
         wheel_inertia=0.0,
         inertia=parameters.inertia,
-        centre_of_mass=np.zeros((parameters.agents, 3)),
+        centre_of_mass=parameters.centres_of_mass,
         wheel_friction=0.0,
         process=parameters.process(),
-        reassemble=reassemble,
+        reassemble=prepare_formation(parameters).reassemble,
         keyframe="rest",
     )
+
+
+def _warnings(parameters: FormationParameters) -> list[str]:
+    return ["plant.inertia_kg_m2: no rigid body has the printed tensors; they are flown all the same"] if parameters.printed else []
+
+
+PLANT_KIND = PlantKind(
+    parameters=FormationParameters,
+    says="spacecraft in formation under torques on their bodies",
+    family="formation",
+    compile=compile_formation,
+    prepare=prepare_formation,
+    believed=lambda parameters, *_: parameters.process(believed=True),
+    layout=lambda parameters: StateLayout.by_rodrigues(parameters.agents),
+    any_tensor=lambda parameters: parameters.printed,
+    warnings=_warnings,
+)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
@@ -13,12 +12,14 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
-from models.plants import provenance
+from models.dynamics.state_layout import StateLayout
 from models.plants.assembly import Assembly, ImpossibleInertia, Prepared
 from models.plants.formation import colour
-from models.plants.nacs import WHEELS, NacsParameters, prepare_nacs
+from models.plants.nacs import WHEELS, NacsParameters, air_torque, drive_errors, held_masses, prepare_nacs
 from models.plants.provenance import known
-from models.sections import Positive, Section
+from models.plants.register.kind import PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.sections import Positive
 
 Array = NDArray[np.floating]
 
@@ -32,9 +33,10 @@ RAISED = 0.40  # tangent of the angle at which the ring is looked down on, from 
 RIM = (0.1735, 0.0026)  # m, radius and half height, instead of 166.5 mm and 1.6 mm: seen from across the room
 
 
-class FormationNacsParameters(Section):
+class FormationNacsParameters(PlantParameters):
     """Every number of the testbeds beyond that of a single one; `json_schema_extra` of a field holds its unit and provenance."""
 
+    type: Literal["formation-nacs"] = "formation-nacs"
     testbed: NacsParameters = Field(NacsParameters(), description="what they have in common: every parameter of models/plants/nacs.py")
     inertia_scale: tuple[Positive, ...] = known(
         (1.0, 0.97, 1.03, 0.985, 1.02, 0.96),
@@ -108,6 +110,11 @@ class FormationNacsParameters(Section):
         """Physics step."""
         return self.testbed.step_s
 
+    @property
+    def wheel_axes(self) -> Array:
+        """Spin axes in B of each testbed's wheels, (3, 4)."""
+        return self.testbed.wheel_axes
+
     @cached_property
     def places(self) -> Array:
         """Of their centres of rotation, on a ring clockwise from the north, (agents, 3) m in the lab."""
@@ -118,10 +125,6 @@ class FormationNacsParameters(Section):
     def process(self, believed: bool = False) -> AttitudeByRodrigues:
         """Analytic model of all bodies at once, true or as believed; its command carries what the wheels hold."""
         return AttitudeByRodrigues(self.believed_inertia if believed else self.inertia - self._spinning)
-
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
 
 
 def prepare_testbeds(parameters: FormationNacsParameters) -> Prepared:
@@ -186,7 +189,7 @@ def compile_testbeds(parameters: FormationNacsParameters | None = None) -> Assem
     """Compile the room; raises ImpossibleInertia as `prepare_testbeds` does."""
     parameters = parameters or FormationNacsParameters()
     spec, reassemble = prepare_testbeds(parameters)
-    prefixes = tuple(f"testbed_{number + 1}/" for number, _ in enumerate(parameters.places))
+    prefixes = _prefixes(parameters)
     wheels = tuple(prefix + wheel for prefix in prefixes for wheel in WHEELS)
 
     def draw() -> mujoco.MjModel:
@@ -211,3 +214,24 @@ def compile_testbeds(parameters: FormationNacsParameters | None = None) -> Assem
         reassemble=reassemble,
         keyframe="level",
     )
+
+
+def _prefixes(parameters: FormationNacsParameters) -> tuple[str, ...]:
+    """With which the names of each testbed's parts begin."""
+    return tuple(f"testbed_{number + 1}/" for number, _ in enumerate(parameters.places))
+
+
+PLANT_KIND = PlantKind(
+    parameters=FormationNacsParameters,
+    says="air-bearing testbeds in formation",
+    family="formation",
+    compile=compile_testbeds,
+    prepare=prepare_testbeds,
+    believed=lambda parameters, *_: parameters.process(believed=True),
+    layout=lambda parameters: StateLayout.by_rodrigues(parameters.agents),
+    drives=lambda parameters: drive_errors(parameters.testbed),
+    air=lambda parameters: air_torque(parameters.testbed),
+    holds=lambda parameters: {
+        name: place for prefix in _prefixes(parameters) for name, place in held_masses(parameters.testbed, prefix).items()
+    },
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, Self
@@ -13,14 +12,16 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.state_layout import StateLayout
 from models.dynamics.wheel_faults import WheelFault
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants import inertia as mass_geometry
-from models.plants import provenance
-from models.plants.assembly import Assembly, MassProperties, Prepared, prepare
+from models.plants.assembly import Assembly, Carrier, Prepared, assemble, prepare
 from models.plants.provenance import known
-from models.plants.wheels import crossed, mount, pyramid
-from models.sections import NonNegative, Positive, Section, Sextuple
+from models.plants.register.kind import PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.plants.wheels import FRICTIONS, alike, attached, crossed, joints_of, mount, pyramid
+from models.sections import NonNegative, Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -31,9 +32,10 @@ WHEELS = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 INERTIA_SETS: dict[str, tuple[float, ...]] = {"wmap": (399.0, 377.0, 377.0, 0.0, 0.0, 0.0)}
 
 
-class FreeflyerParameters(Section):
+class FreeflyerParameters(PlantParameters):
     """Every number of the free flyer; `json_schema_extra` of a field holds its unit and provenance."""
 
+    type: Literal["freeflyer"] = "freeflyer"
     inertia_kg_m2: Literal["wmap"] | Sextuple = known(
         "wmap",
         "whole with wheels locked, about its centre of mass: a named set or [xx, yy, zz, xy, xz, yz]",
@@ -78,11 +80,6 @@ class FreeflyerParameters(Section):
         chosen = self.inertia_kg_m2
         return mass_geometry.tensor(INERTIA_SETS[chosen] if isinstance(chosen, str) else chosen)
 
-    @property
-    def centre_of_mass(self) -> Array:
-        """Of the whole from the origin of B, (3,) m: there, whatever moves."""
-        return np.zeros(3)
-
     @cached_property
     def wheel_axes(self) -> Array:
         """Spin axes in B, (3, 4): the paper's distribution matrix L."""
@@ -112,10 +109,6 @@ class FreeflyerParameters(Section):
             fault=fault,
         )
 
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
-
 
 def prepare_freeflyer(parameters: FreeflyerParameters) -> Prepared:
     """Fill freeflyer.xml with parameters.
@@ -126,56 +119,25 @@ def prepare_freeflyer(parameters: FreeflyerParameters) -> Prepared:
     spec = mujoco.MjSpec.from_file(str(MJCF))
     spec.option.timestep = parameters.step_s
     mount(spec, WHEELS, parameters)
-    wheels = _wheels_alone(spec, parameters)
-
-    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
-        return _hull(parameters, wheels, inertia, centre_of_mass)
-
-    return prepare(spec, parameters, reassemble, "wheels")
+    own = parameters.mass_kg - len(WHEELS) * parameters.wheel_mass_kg
+    hull = Carrier("hull", own, parameters.mass_kg, *attached(spec, WHEELS, parameters), about_mass_centre=True)
+    return prepare(spec, parameters, hull.reassemble, "wheels")
 
 
 def compile_freeflyer(parameters: FreeflyerParameters | None = None) -> Assembly:
     """Compile the free flyer; raises ImpossibleInertia as `prepare_freeflyer` does."""
-    parameters = parameters or FreeflyerParameters()
-    spec, reassemble = prepare_freeflyer(parameters)
-
-    def draw() -> mujoco.MjModel:
-        return prepare_freeflyer(parameters).spec.compile()
-
-    spec.compiler.discardvisual = True
-    return Assembly(
-        model=spec.compile(),
-        draw=draw,
-        attitude_joints=("hull",),
-        wheel_joints=WHEELS,
-        wheel_actuators=WHEELS,
-        wheel_axes=parameters.wheel_axes,
-        wheel_torque_limit=parameters.torque_limit,
-        wheel_speed_limit=np.inf,
-        wheel_inertia=parameters.wheel_inertia_kg_m2,
-        inertia=parameters.inertia,
-        centre_of_mass=parameters.centre_of_mass,
-        wheel_friction=parameters.wheel_coulomb_nm,
-        process=parameters.full_process(),
-        reassemble=reassemble,
-        keyframe="rest",
-    )
+    chosen = parameters or FreeflyerParameters()
+    return assemble(lambda: prepare_freeflyer(chosen), chosen, "hull", chosen.full_process(), alike(WHEELS, chosen))
 
 
-def _wheels_alone(spec: mujoco.MjSpec, parameters: FreeflyerParameters) -> tuple[Array, Array]:
-    """First moment (3,) kg m and inertia about the origin of B (3, 3) kg m2 of the wheels, locked."""
-    across, along = parameters.wheel_transverse_inertia_kg_m2, parameters.wheel_inertia_kg_m2
-    position = np.array([spec.body(name).pos for name in WHEELS])
-    axes = parameters.wheel_axes
-    own = across * len(WHEELS) * np.eye(3) + (along - across) * axes @ axes.T
-    return parameters.wheel_mass_kg * position.sum(0), own + mass_geometry.point_mass(parameters.wheel_mass_kg, position).sum(0)
-
-
-def _hull(parameters: FreeflyerParameters, wheels: tuple[Array, Array], inertia: Array, centre_of_mass: Array) -> MassProperties:
-    """What the hull alone must be so that the whole has `inertia` about its own centre of mass, which is at `centre_of_mass`."""
-    moment, attached = wheels
-    mass = parameters.mass_kg - len(WHEELS) * parameters.wheel_mass_kg
-    position = (parameters.mass_kg * np.asarray(centre_of_mass) - moment) / mass
-    about_origin = inertia + mass_geometry.point_mass(parameters.mass_kg, np.asarray(centre_of_mass))
-    moments, axes = mass_geometry.principal(about_origin - attached - mass_geometry.point_mass(mass, position))
-    return MassProperties("hull", np.full(position.shape[:-1], mass), position, moments, axes)
+PLANT_KIND = PlantKind(
+    parameters=FreeflyerParameters,
+    says="a free-flying spacecraft with four reaction wheels",
+    compile=compile_freeflyer,
+    prepare=prepare_freeflyer,
+    believed=lambda parameters, _, fault: parameters.process(fault),  # wheel speeds are read, whatever slows them
+    layout=lambda _: StateLayout.of_a_body(0),
+    joints=lambda parameters: joints_of(WHEELS, parameters),
+    dispersible=("inertia_kg_m2", "wheel_coulomb_nm", "wheel_viscous_nms"),
+    effects=FRICTIONS,
+)

@@ -15,6 +15,12 @@ def tensor(moments: tuple[float, ...] | Array) -> Array:
     return np.stack([np.stack([xx, xy, xz], -1), np.stack([xy, yy, yz], -1), np.stack([xz, yz, zz], -1)], -2)
 
 
+def elements(inertia: Array) -> tuple[float, ...]:
+    """[xx, yy, zz, xy, xz, yz] of a symmetric tensor (3, 3), kg m2: the inverse of `tensor`."""
+    rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    return tuple(inertia[rows, columns].tolist())
+
+
 def point_mass(mass: Array | float, position: Array) -> Array:
     """Inertia about the origin of a point mass, m (r.r I - r r'), kg m2; position (..., 3) m to (..., 3, 3)."""
     square = np.sum(position * position, axis=-1)[..., None, None]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -12,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.state_layout import StateLayout
 from models.plants import inertia as mass_geometry
-from models.plants import provenance
-from models.plants.assembly import Assembly, MassProperties, Prepared, prepare
+from models.plants.assembly import Assembly, MassProperties, Prepared, assemble, prepare
 from models.plants.provenance import known
-from models.sections import Positive, Section, Sextuple
+from models.plants.register.kind import PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.sections import Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -29,9 +30,10 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {
 }
 
 
-class MonolithicParameters(Section):
+class MonolithicParameters(PlantParameters):
     """Every number of the spacecraft; `json_schema_extra` of a field holds its unit and provenance."""
 
+    type: Literal["monolithic"] = "monolithic"
     inertia_kg_m2: Literal["true", "believed"] | Sextuple = known(
         "true",
         "about the centre of mass: a named set or [xx, yy, zz, xy, xz, yz]",
@@ -57,23 +59,9 @@ class MonolithicParameters(Section):
         """J_m of filters and control law, (3, 3) kg m2."""
         return _tensor(self.believed_inertia_kg_m2)
 
-    @property
-    def centre_of_mass(self) -> Array:
-        """From the origin of B, (3,) m: there, whatever moves."""
-        return np.zeros(3)
-
-    @property
-    def wheel_axes(self) -> Array:
-        """There are no wheels, (3, 0)."""
-        return np.zeros((3, 0))
-
     def process(self, believed: bool = False) -> RigidBody:
         """Analytic model in seven states, true or as believed; its command is the torque on the body, (..., 3) N m in B."""
         return RigidBody(self.believed_inertia if believed else self.inertia, np.eye(3), self.wheel_axes)
-
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
 
 
 def _tensor(chosen: str | Sextuple) -> Array:
@@ -99,27 +87,17 @@ def prepare_monolithic(parameters: MonolithicParameters) -> Prepared:
 
 def compile_monolithic(parameters: MonolithicParameters | None = None) -> Assembly:
     """Compile the spacecraft; raises ImpossibleInertia as `prepare_monolithic` does."""
-    parameters = parameters or MonolithicParameters()
-    spec, reassemble = prepare_monolithic(parameters)
+    chosen = parameters or MonolithicParameters()
+    return assemble(lambda: prepare_monolithic(chosen), chosen, "hull", chosen.process())
 
-    def draw() -> mujoco.MjModel:
-        return prepare_monolithic(parameters).spec.compile()
 
-    spec.compiler.discardvisual = True
-    return Assembly(
-        model=spec.compile(),
-        draw=draw,
-        attitude_joints=("hull",),
-        wheel_joints=(),
-        wheel_actuators=(),
-        wheel_axes=parameters.wheel_axes,
-        wheel_torque_limit=0.0,
-        wheel_speed_limit=np.inf,
-        wheel_inertia=0.0,
-        inertia=parameters.inertia,
-        centre_of_mass=parameters.centre_of_mass,
-        wheel_friction=0.0,
-        process=parameters.process(),
-        reassemble=reassemble,
-        keyframe="rest",
-    )
+PLANT_KIND = PlantKind(
+    parameters=MonolithicParameters,
+    says="a rigid spacecraft without wheels under torques on its body",
+    compile=compile_monolithic,
+    prepare=prepare_monolithic,
+    believed=lambda parameters, *_: parameters.process(believed=True),
+    layout=lambda _: StateLayout.of_a_body(0),
+    believed_inertia=lambda parameters: parameters.believed_inertia,
+    dispersible=("inertia_kg_m2",),
+)

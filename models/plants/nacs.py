@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from models.dynamics.rigid_body import RigidBody
+from models.dynamics.state_layout import StateLayout
+from models.dynamics.unmodelled_torque import UnmodelledTorque
 from models.dynamics.wheel_faults import WheelFault
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants import inertia as mass_geometry
-from models.plants import provenance
-from models.plants.assembly import Assembly, MassProperties, Prepared, prepare
+from models.plants.assembly import Assembly, Carrier, Prepared, assemble, prepare
 from models.plants.provenance import known
-from models.plants.wheels import mount, pyramid
-from models.sections import NonNegative, Positive, Section, Sextuple
+from models.plants.register.kind import AirTorque, DriveErrors, Joint, Learnable, PlantKind
+from models.plants.register.parameters import PlantParameters
+from models.plants.wheels import FRICTIONS, alike, joints_of, mount, pyramid
+from models.sections import NonNegative, Positive, Sextuple
 
 Array = NDArray[np.floating]
 
@@ -37,9 +41,10 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {
 Vector3 = tuple[float, float, float]
 
 
-class NacsParameters(Section):
+class NacsParameters(PlantParameters):
     """Every number of the NACS plant; `json_schema_extra` of a field holds its unit and provenance."""
 
+    type: Literal["nacs"] = "nacs"
     inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = known(
         "hypothesis",
         "whole with wheels locked, about the centre of rotation: a named set or [xx, yy, zz, xy, xz, yz]",
@@ -140,9 +145,10 @@ class NacsParameters(Section):
             fault=fault,
         )
 
-    def table(self) -> Iterator[tuple[str, str, str, str, str]]:
-        """Rows (name, value, unit, meaning, provenance) of every parameter."""
-        return provenance.table(self)
+    def driven_body(self) -> RigidBody:
+        """Rigid body in seven states under the torques of the motors alone; wheel speeds are read."""
+        axes = self.wheel_axes
+        return RigidBody(self.inertia, -axes, self.wheel_inertia_kg_m2 * axes)
 
 
 def prepare_nacs(parameters: NacsParameters) -> Prepared:
@@ -154,40 +160,16 @@ def prepare_nacs(parameters: NacsParameters) -> Prepared:
     spec = mujoco.MjSpec.from_file(str(MJCF))
     _set_wheels(spec, parameters)
     _set_environment(spec, parameters)
-    home = _attached(spec, parameters)
-
-    def reassemble(inertia: Array, centre_of_mass: Array) -> MassProperties:
-        return _bus(parameters, home, inertia, centre_of_mass)
-
-    return prepare(spec, parameters, reassemble, "wheels and masses")
+    mass, moment, inertia = _attached(spec, parameters)
+    bus = Carrier("bus", parameters.mass_kg - mass, parameters.mass_kg, moment, inertia, about_mass_centre=False)
+    return prepare(spec, parameters, bus.reassemble, "wheels and masses")
 
 
 def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
     """Compile the testbed; raises ImpossibleInertia as `prepare_nacs` does."""
-    parameters = parameters or NacsParameters()
-    spec, reassemble = prepare_nacs(parameters)
-
-    def draw() -> mujoco.MjModel:
-        return prepare_nacs(parameters).spec.compile()
-
-    spec.compiler.discardvisual = True
-    return Assembly(
-        model=spec.compile(),
-        draw=draw,
-        attitude_joints=("bearing",),
-        wheel_joints=WHEELS,
-        wheel_actuators=WHEELS,
-        wheel_axes=parameters.wheel_axes,
-        wheel_torque_limit=parameters.torque_limit,
-        wheel_speed_limit=parameters.no_load_speed,
-        wheel_inertia=parameters.wheel_inertia_kg_m2,
-        inertia=parameters.inertia,
-        centre_of_mass=parameters.centre_of_mass,
-        wheel_friction=parameters.wheel_coulomb_nm,
-        process=parameters.process(),
-        reassemble=reassemble,
-        keyframe="level",
-    )
+    chosen = parameters or NacsParameters()
+    wheels = alike(WHEELS, chosen, chosen.no_load_speed)
+    return assemble(lambda: prepare_nacs(chosen), chosen, "bearing", chosen.process(), wheels, keyframe="level")
 
 
 def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
@@ -231,10 +213,74 @@ def _attached(spec: mujoco.MjSpec, parameters: NacsParameters) -> tuple[float, A
     return mass, moment, total
 
 
-def _bus(parameters: NacsParameters, home: tuple[float, Array, Array], inertia: Array, centre_of_mass: Array) -> MassProperties:
-    """What the bus alone must be so that the whole has `inertia` about the centre of rotation and `centre_of_mass`."""
-    attached_mass, attached_moment, attached_inertia = home
-    mass = parameters.mass_kg - attached_mass
-    position = (parameters.mass_kg * np.asarray(centre_of_mass) - attached_moment) / mass
-    moments, axes = mass_geometry.principal(inertia - attached_inertia - mass_geometry.point_mass(mass, position))
-    return MassProperties("bus", np.full(position.shape[:-1], mass), position, moments, axes)
+def drive_errors(parameters: NacsParameters) -> DriveErrors:
+    """Of the wheels' drives."""
+    return DriveErrors(parameters.command_bits, parameters.drive_torque_noise_nm)
+
+
+def air_torque(parameters: NacsParameters) -> AirTorque:
+    """Of the air that flows out of the bearing."""
+    return AirTorque(parameters.air_torque_nm, parameters.air_torque_correlation_s)
+
+
+def held_masses(parameters: NacsParameters, prefix: str = "") -> dict[str, float]:
+    """Set-points of the balance masses on their rails, m; names of actuators begin with `prefix`."""
+    places = 1e-3 * np.array(parameters.balance_position_mm)
+    return {prefix + name: float(place) for name, place in zip(BALANCE_MASSES, places, strict=True)}
+
+
+def _joints(parameters: NacsParameters) -> dict[str, Joint]:
+    """What resists in wheels' bearings and in the air bearing."""
+    return joints_of(WHEELS, parameters) | {"bearing": Joint(damping=parameters.bearing_viscous_nms)}
+
+
+def _unmodelled(testbeds: Sequence[NacsParameters]) -> UnmodelledTorque:
+    """The torque that each trial's testbed has and no filter knows."""
+
+    def value(name: str) -> Array:
+        return np.array([getattr(testbed, name) for testbed in testbeds], dtype=float)
+
+    return UnmodelledTorque(
+        weight=value("mass_kg") * value("gravity_m_s2"),
+        centre_of_mass=1e-6 * value("centre_of_mass_um"),
+        wheel_axes=testbeds[0].wheel_axes,
+        wheel_coulomb=value("wheel_coulomb_nm"),
+        wheel_viscous=value("wheel_viscous_nms"),
+        bearing_viscous=value("bearing_viscous_nms"),
+    )
+
+
+PLANT_KIND = PlantKind(
+    parameters=NacsParameters,
+    says="the air-bearing testbed with four reaction wheels",
+    compile=compile_nacs,
+    prepare=prepare_nacs,
+    believed=lambda parameters, wheel_drag, fault: parameters.process(wheel_drag=wheel_drag, fault=fault),
+    layout=lambda _: StateLayout.of_a_body(len(WHEELS)),
+    drives=drive_errors,
+    air=air_torque,
+    holds=held_masses,
+    joints=_joints,
+    dispersible=(
+        "inertia_kg_m2",
+        "centre_of_mass_um",
+        "balance_position_mm",
+        "wheel_coulomb_nm",
+        "wheel_viscous_nms",
+        "bearing_viscous_nms",
+        "drive_torque_noise_nm",
+        "air_torque_nm",
+        "air_torque_correlation_s",
+    ),
+    effects={
+        "centre of mass under gravity": {"gravity_m_s2": 0.0},
+        "air torque": {"air_torque_nm": 0.0},
+        **FRICTIONS,
+        "drive torque noise": {"drive_torque_noise_nm": 0.0},
+        "set-point quantisation": {"command_bits": 0},
+        "drive limits": {"drive_current_a": 1e4, "supply_voltage_v": 1e6},
+        "bearing drag": {"bearing_viscous_nms": 0.0},
+        "wheel imbalance": {"wheel_imbalance_um": 0.0},
+    },
+    learnable=Learnable(body=lambda parameters: parameters.driven_body(), torque=_unmodelled),
+)

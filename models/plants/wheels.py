@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from models.plants.assembly import Wheels
+from models.plants.inertia import point_mass
+from models.plants.register.kind import Joint
 
 Array = NDArray[np.floating]
 
@@ -77,12 +82,44 @@ class WheelParameters(Protocol):
         ...
 
 
+def joints_of(names: Sequence[str], parameters: WheelParameters) -> dict[str, Joint]:
+    """What resists in the bearings of these wheels, all alike."""
+    return dict.fromkeys(names, Joint(dry_friction=parameters.wheel_coulomb_nm, damping=parameters.wheel_viscous_nms))
+
+
+def alike(names: Sequence[str], parameters: WheelParameters, speed_limit: float = np.inf) -> Wheels:
+    """Wheels of these names for an assembly."""
+    return Wheels(
+        names=tuple(names),
+        axes=parameters.wheel_axes,
+        torque_limit=parameters.torque_limit,
+        inertia=parameters.wheel_inertia_kg_m2,
+        dry_friction=parameters.wheel_coulomb_nm,
+        speed_limit=speed_limit,
+    )
+
+
+def attached(spec: Any, names: Sequence[str], parameters: WheelParameters) -> tuple[Array, Array]:
+    """First moment (3,) kg m, and inertia about the origin of B (3, 3) kg m2, of wheels that are locked where `spec` has them."""
+    across, along = parameters.wheel_transverse_inertia_kg_m2, parameters.wheel_inertia_kg_m2
+    axes, position = parameters.wheel_axes, np.array([spec.body(name).pos for name in names])
+    own = across * len(names) * np.eye(3) + (along - across) * axes @ axes.T
+    return parameters.wheel_mass_kg * position.sum(0), own + point_mass(parameters.wheel_mass_kg, position).sum(0)
+
+
+# what a wheel's bearing does, and what switches it off
+FRICTIONS: dict[str, dict[str, float]] = {
+    "wheel dry friction": {"wheel_coulomb_nm": 0.0},
+    "wheel viscous friction": {"wheel_viscous_nms": 0.0},
+}
+
+
 def mount(spec: Any, names: Sequence[str], parameters: WheelParameters) -> None:
     """Set up the bodies, hinges and actuators of these names in a MuJoCo specification as wheels."""
     limit = parameters.torque_limit
     for name, axis in zip(names, parameters.wheel_axes.T, strict=True):
         body, joint = spec.body(name), spec.joint(name)
-        body.alt.zaxis = axis
+        body.alt.type, body.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, axis
         body.mass = parameters.wheel_mass_kg
         body.inertia = [parameters.wheel_transverse_inertia_kg_m2] * 2 + [parameters.wheel_inertia_kg_m2]
         joint.damping[0] = parameters.wheel_viscous_nms

@@ -6,16 +6,14 @@ import itertools
 import re
 from fnmatch import translate
 from functools import cached_property
-from typing import Annotated, Any, Literal, TypeGuard
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from models.sections import Section
 from sim.draws import Number
-from sim.plant.kinds import NacsPlant
 from sim.scenario import files
 from sim.scenario.files import AnyScenario
-from sim.scenario.one_body import Scenario
 
 HEADLINES = (  # of all kinds of scenario; each has some of them
     "rmse_truth_quaternion",
@@ -87,8 +85,3 @@ class Campaign(Section):
     def changes(self, point: int) -> dict[str, Any]:
         """What that scenario has instead of what its file says."""
         return self.override | self.points[point] | {"run.seed": self.seed, "run.trials": self.trials}
-
-
-def batched(base: AnyScenario) -> TypeGuard[Scenario]:
-    """Whether trials that differ are flown as one batch; otherwise each is flown alone, and any key of the scenario may be dispersed."""
-    return isinstance(base, Scenario) and isinstance(base.plant, NacsPlant) and not base.loops

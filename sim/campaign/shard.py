@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from models.attitude import quaternion
 from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
-from sim.campaign.draws import alone, draw, picked
-from sim.campaign.settings import Campaign, batched
+from sim.campaign.draws import banded, draw, flown_together, own, picked
+from sim.campaign.settings import Campaign
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
@@ -55,7 +55,7 @@ def fly(job: Job) -> Tables:
     campaign = Campaign.model_validate_json(job.campaign)
     scenario = files.check(json.loads(job.scenario), f"point {job.point}", {})
     trials = np.arange(job.start, job.stop)
-    if not batched(scenario):
+    if not banded(scenario, campaign):
         return _fly_as_scenarios(job, campaign, scenario, trials)
     drawn = draw(campaign, scenario, trials)
     system = build(scenario, trials, variants=drawn.variants)
@@ -69,15 +69,19 @@ def fly(job: Job) -> Tables:
 
 
 def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trials: NDArray[np.int64]) -> Tables:
-    """Simulate each trial as a scenario of its own, all at once if nothing is dispersed; no bands: loops differ in observers."""
-    values, failures, found = [], dict[int, str](), dict[tuple[str, str, str, str], dict[int, float]]()
-    for group in trials[:, None] if campaign.dispersion else [trials]:
-        values += [list(picked(campaign, int(trial)).values()) for trial in group]
+    """Simulate all trials at once, or each as a scenario of its own if they cannot differ within a batch; no bands: loops differ."""
+    values, redrawn, failures = list[Array](), list[int](), dict[int, str]()
+    found = dict[tuple[str, str, str, str], dict[int, float]]()
+    for group in [trials] if flown_together(campaign, scenario) else trials[:, None]:
         try:
-            block = simulate(alone(campaign, scenario, int(group[0])), group, np.zeros(0, dtype=np.int64))
+            base = own(campaign, scenario, int(group[0]))
         except BadInput as impossible:
             failures[int(group[0])] = str(impossible)
+            values, redrawn = [*values, np.array(list(picked(campaign, int(group[0])).values()))], [*redrawn, 0]
             continue
+        drawn = draw(campaign, base, group)
+        values, redrawn = [*values, *drawn.values], [*redrawn, *drawn.redrawn.tolist()]
+        block = simulate(base, group, np.zeros(0, dtype=np.int64), campaign=campaign)
         failures |= {one.trial: str(one) for one in block.lost} | ({int(trial): block.failure for trial in group} if block.failure else {})
         for metric in block.metrics:
             if campaign.keeps(metric.metric, metric.phase):
@@ -85,7 +89,7 @@ def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trial
     alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
     metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
     drawn_values = np.array(values).reshape(len(trials), -1)
-    rows = _tidy(job.point, campaign, trials, drawn_values, np.zeros(len(trials), dtype=np.int64), alive, metrics, failures)
+    rows = _tidy(job.point, campaign, trials, drawn_values, np.array(redrawn), alive, metrics, failures)
     return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
 
 

@@ -20,7 +20,6 @@ Array = NDArray[np.floating]
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RESAMPLES = 500
 ROWS_AT_ONCE = 5_000_000
-DOF = 10  # error coordinates of the NACS filters, and what their readings carry
 
 
 class Distribution(NamedTuple):
@@ -124,8 +123,11 @@ def operating_characteristic(found: list[Distribution], subject: str) -> dict[st
     return {"threshold": threshold, "false_alarm": share["nominal"], "detection": share["fault"]}
 
 
-def ensemble_consistency(sums: pa.Table) -> list[dict[str, Any]]:
-    """Share of the ticks at which the NEES or NIS averaged over trials lies inside its 95 % bounds."""
+def ensemble_consistency(sums: pa.Table, errors: int) -> list[dict[str, Any]]:
+    """Share of the ticks at which the NEES or NIS averaged over trials lies inside its 95 % bounds, those of as many `errors`.
+
+    `errors` counts the error coordinates of the filters, all of which readings carry.
+    """
     rows = []
     names, kinds = np.asarray(sums["observer"]), np.asarray(sums["statistic"])
     total, count = np.asarray(sums["total"]), np.asarray(sums["count"])
@@ -133,7 +135,7 @@ def ensemble_consistency(sums: pa.Table) -> list[dict[str, Any]]:
         for kind in ("nees", "nis"):
             use = (names == name) & (kinds == kind) & (count > 0)
             average = total[use] / FIXED_POINT / count[use]
-            low, high = (chi2.ppf(p, DOF * count[use]) / count[use] for p in (0.025, 0.975))
+            low, high = (chi2.ppf(p, errors * count[use]) / count[use] for p in (0.025, 0.975))
             inside = float(np.mean((low < average) & (average < high)))
             rows.append({"observer": str(name), "statistic": kind, "mean": float(average.mean()), "ticks_inside": inside})
     return rows

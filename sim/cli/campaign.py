@@ -12,10 +12,12 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
+from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
+from sim.campaign.draws import banded
 from sim.campaign.engines import engine
 from sim.campaign.file import CAMPAIGNS, load
-from sim.campaign.settings import Campaign, batched
+from sim.campaign.settings import Campaign
 from sim.campaign.shard import Job, fly
 from sim.campaign.store import Store
 from sim.campaign.summary import (
@@ -122,7 +124,8 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
     from sim.report.campaign.page import write_report
     from sim.rerun.campaign import write_bands
 
-    merged, together = store.merge(jobs), batched(loaded.at(0))
+    merged, first = store.merge(jobs), loaded.at(0)
+    together, errors = banded(first, loaded), kind_of(first.plant).layout(first.plant).errors
     sweep = not together and campaign_sweep.abscissa(loaded) is not None
     rows, points = [], []
     for point, settings in enumerate(loaded.points):
@@ -130,13 +133,15 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         found = list(distributions(merged, point))
         rows += [summarize(d, loaded.seed) for d in found if d.subject != "draw"]
         bands = store.add_up(own, ".bands", ["quantity", "observer", "tick", "bin"], ["count"])
-        consistency = ensemble_consistency(store.add_up(own, ".consistency", ["statistic", "observer", "tick"], ["total", "count"]))
+        sums = store.add_up(own, ".consistency", ["statistic", "observer", "tick"], ["total", "count"])
+        consistency = ensemble_consistency(sums, errors)
         points.append(_point(point, settings, found, consistency))
         if not together and not sweep:
             out.print(campaign_distributions.table(found, points[-1]["failed_trials"], loaded.trials))
         if point == 0 and together:
+            write_bands(store.folder / "recording.rrd", loaded, bands, first.run.tick_s)
+        if point == 0 and together and points[0]["roc"]:
             write_report(store.folder / "report.png", loaded, found, points[0])
-            write_bands(store.folder / "recording.rrd", loaded, bands, loaded.at(0).run.tick_s)
         elif point == 0 and not sweep:
             campaign_distributions.write_report(store.folder / "report.png", loaded, found)
     if sweep:

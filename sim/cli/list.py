@@ -11,11 +11,12 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.file import CAMPAIGNS
 from sim.cli.terminal import out
 from sim.scenario import catalogue, files
-from sim.scenario.catalogue import FAMILIES, SCENARIOS
+from sim.scenario.catalogue import SCENARIOS
 
 CAMPAIGN = "campaigns"
 SAID_OF_CAMPAIGNS = "many trials, dispersed or over a grid; `nacs campaign NAME` flies one"
@@ -47,7 +48,7 @@ def _overview(campaigns: list[str]) -> None:
     width = max(len(name) for names in (*found.values(), campaigns) for name in names)
     for family, names in found.items():
         titles = {name: catalogue.title(SCENARIOS / family / f"{name}.toml") for name in names}
-        _group(family, FAMILIES.get(family, ""), titles, width)
+        _group(family, catalogue.what(family), titles, width)
     _group(CAMPAIGN, SAID_OF_CAMPAIGNS, {name: catalogue.title(CAMPAIGNS / f"{name}.toml") for name in campaigns}, width)
     out.print("`nacs list FAMILY` says more of each, `nacs run FAMILY/NAME` flies one", style="dim", soft_wrap=True)
 
@@ -74,8 +75,9 @@ def _show(name: str, rows: dict[str, str]) -> None:
 
 def _of_scenario(name: str) -> dict[str, str]:
     found: Any = files.load(name, {})  # every kind has a plant, and most have observers
-    run, agents = found.run, getattr(found.plant, "agents", None)
-    plant = " ".join([found.plant.type, *([f"({found.plant.set})"] if hasattr(found.plant, "set") else [])])
+    run, kind = found.run, kind_of(found.plant)
+    agents = kind.layout(found.plant).agents
+    plant = f"{kind.type} ({kind.variant(found.plant)})" if kind.variant else kind.type
     rows = {
         "title": found.title,
         "source": found.source,

@@ -13,10 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sim.bad_input import BadInput
 from sim.campaign.blocks import cut, simulate_all
-from sim.campaign.draws import alone
+from sim.campaign.draws import own
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
-from sim.campaign.settings import Campaign, batched
+from sim.campaign.settings import Campaign
 from sim.cli.run_output import LOG, RECORDING, REPORT, Ended, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
@@ -69,8 +69,8 @@ def run(
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
     loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, user_code.names)
-    if source and only_trial is not None and not batched(loaded):
-        loaded, source = alone(source, loaded, only_trial), None
+    if source and only_trial is not None:
+        loaded = own(source, loaded, only_trial)
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from control.allocation import PseudoInverseAllocation
 from control.tracking import Estimate
-from models.plants.formation_nacs import FormationNacsParameters
-from models.plants.nacs import NacsParameters
+from models.plants.assembly import Assembly
+from models.plants.register.entries import kind_of
+from models.plants.register.kind import AirTorque, DriveErrors
+from models.plants.register.parameters import SeveralParameters
 from sim.faults.formation import FormationFaults
 from sim.formation_randomness import Blocks, FormationStream
 from sim.plant.formation import AgentsTruth
@@ -62,50 +64,55 @@ class DirectTorques:
 
 
 class Drives:
-    """Four wheels of each testbed with the drives of `models/plants/nacs.py`, and the air that flows round it.
+    """Wheels of each body with their drives, and the air that flows round it.
 
     A demand is shared by least squares, scaled as a whole where a drive's current would not do, rounded to the set-point's steps; the
     drive adds its noise, and what a failure leaves of that turns the wheel.
     """
 
-    def __init__(self, testbed: NacsParameters, agents: int, faults: FormationFaults, seed: int, trials: Trials, dt: float) -> None:
-        self._testbed, self._faults = testbed, faults
-        self._allocation = PseudoInverseAllocation(testbed.wheel_axes, testbed.torque_limit)
-        self._step = 2.0 * testbed.torque_limit / 2**testbed.command_bits if testbed.command_bits else 0.0
-        wheels = testbed.wheel_axes.shape[1]
+    def __init__(
+        self, assembly: Assembly, errors: DriveErrors, air: AirTorque, faults: FormationFaults, seed: int, trials: Trials, dt: float
+    ) -> None:
+        self._assembly, self._errors, self._air_torque, self._faults = assembly, errors, air, faults
+        self._allocation = PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit)
+        self._step = 2.0 * assembly.wheel_torque_limit / 2**errors.command_bits if errors.command_bits else 0.0
+        agents, wheels = len(assembly.attitude_joints), assembly.wheel_axes.shape[1]
         self._noise = Blocks(seed, trials, FormationStream.DRIVE, (agents, wheels))
         self._misread = Blocks(seed, trials, FormationStream.TACHOMETER, (agents, wheels))
         self._gusts = Blocks(seed, trials, FormationStream.AIR, (agents, 3))
-        self._fade = float(np.exp(-dt / testbed.air_torque_correlation_s))
+        self._fade = float(np.exp(-dt / air.correlation_s))
         self._air: Array | None = None
 
     def stored(self, truth: AgentsTruth) -> Stored:
         """Of the speeds that wheels have, and that their drives' monitor outputs say."""
-        wheels = self._testbed.wheel_axes.shape[1]
+        wheels = self._assembly.wheel_axes.shape[1]
         speed = truth.omega_wheel.reshape(len(truth.omega_wheel), -1, wheels)
         step, most = TACHOMETER.wheel_step_rad_s, TACHOMETER.wheel_full_scale_rad_s
         read = np.clip(step * np.round((speed + TACHOMETER.wheel_noise_rad_s * self._misread.tick()) / step), -most, most)
         return Stored(self._momentum(speed), self._momentum(read))
 
     def _momentum(self, speed: Array) -> Array:
-        return self._testbed.wheel_inertia_kg_m2 * (self._testbed.wheel_axes @ speed[..., None])[..., 0]
+        return self._assembly.wheel_inertia * (self._assembly.wheel_axes @ speed[..., None])[..., 0]
 
     def give(self, tick: int, torque: Array, outside: Array) -> Given:
         """Torques of motors on wheels; the bodies feel their reaction."""
         shared, _ = self._allocation.step(torque, _UNUSED, self._allocation.start(()))
         told = self._step * np.round(shared / self._step) if self._step else shared
-        wheel = self._faults.wheels[tick] * (told + self._testbed.drive_torque_noise_nm * self._noise.tick())
+        wheel = self._faults.wheels[tick] * (told + self._errors.torque_noise_nm * self._noise.tick())
         return Given(wheel.reshape(len(wheel), -1), outside + self._blow())
 
     def _blow(self) -> Array:
         """Torque of the air, a first-order Gauss-Markov process (Gelb 1974, sec. 3.6), (trials, agents, 3) N m."""
-        white = self._testbed.air_torque_nm * self._gusts.tick()
+        white = self._air_torque.deviation_nm * self._gusts.tick()
         self._air = white if self._air is None else self._fade * self._air + np.sqrt(1.0 - self._fade**2) * white
         return self._air
 
 
-def effectors(plant: object, agents: int, faults: FormationFaults, seed: int, trials: Trials, dt: float) -> Effectors:
-    """Those of a kind of plant."""
-    if isinstance(plant, FormationNacsParameters):
-        return Drives(plant.testbed, agents, faults, seed, trials, dt)
-    return DirectTorques()
+def effectors(plant: SeveralParameters, assembly: Assembly, faults: FormationFaults, seed: int, trials: Trials, dt: float) -> Effectors:
+    """Those of a plant: the drives of its wheels, or of themselves."""
+    if not assembly.wheel_joints:
+        return DirectTorques()
+    kind = kind_of(plant)
+    errors = kind.drives(plant) if kind.drives else DriveErrors()
+    air = kind.air(plant) if kind.air else AirTorque(0.0, 1.0)
+    return Drives(assembly, errors, air, faults, seed, trials, dt)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Generic
 
 from models.dynamics.wheeled_body import WheeledBody
+from models.plants.register.kind import PlantKind
 from sim.crosscheck.attribution import Effect
 from sim.crosscheck.bench import Check
 from sim.crosscheck.failure import FailureFunction
@@ -18,7 +19,7 @@ INSTANTS = (1.0, 3.0, 10.0, 30.0)  # s
 
 @dataclass(frozen=True)
 class PlantFamily(Generic[P]):
-    """A kind of plant of one body, P being its parameters; a later kind is one more entry of `sim.crosscheck.register.FAMILIES`.
+    """A kind of plant of one body, P being its parameters; one without an entry in `sim.crosscheck.register` has the default.
 
     Attributes:
       models: by name, from the plant's parameters; the first is the default.
@@ -41,9 +42,9 @@ class PlantFamily(Generic[P]):
     instants: tuple[float, ...] = INSTANTS
 
 
-def off(name: str, **parameters: Any) -> Effect:
-    """An effect that these values of parameters switch off."""
-    return Effect(name, Change(tuple(parameters.items())))
+def effects_of(kind: PlantKind[Any]) -> tuple[Effect, ...]:
+    """What values of its parameters switch off, as its entry in the register of plants says."""
+    return tuple(Effect(name, Change(tuple(values.items()))) for name, values in kind.effects.items())
 
 
 FAULTS = Effect("the scenario's faults", Change(no_faults=True))

@@ -13,6 +13,8 @@ from control.tracking import Estimate, Target
 from models.attitude import quaternion
 from models.dynamics.process import ProcessModel, runge_kutta
 from models.plants.assembly import Assembly
+from models.plants.register.entries import kind_of
+from models.plants.register.parameters import BodyParameters
 from sim.controllers.tracking import TrackingLaw
 from sim.loop.body_parts import BodyChange, BodyEffectors, BodyFeedback
 from sim.loop.build import build
@@ -32,25 +34,7 @@ class Dynamics(Protocol):
         ...
 
 
-class PlantParameters(Protocol):
-    """What is needed to know of any plant of one body: numbers that can be replaced, and what follows from them."""
-
-    @property
-    def inertia(self) -> Array:
-        """Of the whole, wheels locked, (3, 3) kg m2."""
-        ...
-
-    @property
-    def wheel_axes(self) -> Array:
-        """(3, wheels)."""
-        ...
-
-    def model_dump(self) -> dict[str, Any]:
-        """Every number by name."""
-        ...
-
-
-P = TypeVar("P", bound=PlantParameters)
+P = TypeVar("P", bound=BodyParameters)
 Alteration = Callable[[Assembly], None]  # of a compiled plant that has not been stepped yet
 
 
@@ -60,11 +44,9 @@ class Rig:
 
     Attributes:
       free: takes away what would stop a body that nothing holds.
-      settle: commands actuators other than the wheels', by the plant's parameters.
     """
 
     free: Alteration = lambda _: None
-    settle: Callable[[Plant, Any], None] = lambda *_: None
 
 
 PLAIN = Rig()
@@ -169,7 +151,8 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
         alter(assembly)
     plant = Plant(assembly, len(start))
     plant.start(start[:, :4], start[:, 4:7], start[:, 7:])
-    flight.rig.settle(plant, again.plant)
+    for actuator, setpoint in kind_of(again.plant).holds(again.plant).items():
+        plant.hold(actuator, setpoint)
     system = replace(
         system,  # drawn for the whole flight, so that it meets the same noise and faults
         plant=plant,

@@ -1,4 +1,4 @@
-"""The register of the cross-check: one entry for each kind of plant, and the choice of what is to be checked."""
+"""The register of the cross-check: entries of plants of which more is known than of any, and the choice of what is to be checked."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from models.plants.register.entries import kind_of
+from models.plants.register.parameters import BodyParameters
 from sim.bad_input import BadInput
 from sim.crosscheck.family import PlantFamily
 from sim.crosscheck.kinds.flexible import FLEXIBLE
 from sim.crosscheck.kinds.freeflyer import FREEFLYER
 from sim.crosscheck.kinds.monolithic import MONOLITHIC
 from sim.crosscheck.kinds.nacs import NACS
+from sim.crosscheck.kinds.standard import standard_family
 from sim.crosscheck.model_variants import Model
-from sim.crosscheck.open_loop import PlantParameters
 from sim.crosscheck.user_model import load_user_model
 from sim.scenario.one_body import Scenario
 
@@ -22,10 +24,8 @@ FAMILIES: dict[str, PlantFamily[Any]] = {"nacs": NACS, "freeflyer": FREEFLYER, "
 
 
 def family_of(scenario: Scenario) -> PlantFamily[Any]:
-    """The register's entry for a scenario's plant."""
-    if scenario.plant.type not in FAMILIES:
-        raise BadInput(f"plant.type: there is no cross-check of {scenario.plant.type!r}; there is of {', '.join(FAMILIES)}")
-    return FAMILIES[scenario.plant.type]
+    """The register's entry for a scenario's plant, or the standard one of a plant without."""
+    return FAMILIES.get(scenario.plant.type) or standard_family(kind_of(scenario.plant))
 
 
 def choose_loop(scenario: Scenario, name: str | None) -> Scenario:
@@ -40,7 +40,7 @@ def choose_loop(scenario: Scenario, name: str | None) -> Scenario:
     return loops[name]
 
 
-def choose_model(family: PlantFamily[Any], name: str | None, parameters: PlantParameters) -> Model:
+def choose_model(family: PlantFamily[Any], name: str | None, parameters: BodyParameters) -> Model:
     """A model by its name, the default, or the user's from a file ending in .py; raises BadInput."""
     if name is None:
         name = next(iter(family.models))

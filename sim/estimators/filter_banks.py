@@ -26,14 +26,12 @@ from models.dynamics.process import ProcessModel, predict, predict_euler, runge_
 from models.dynamics.stacked_measurement import PartOfReading
 from models.dynamics.vector_part_measurement import VectorPart
 from models.dynamics.wheel_faults import WheelFault
-from models.dynamics.wheeled_body import WheeledBody
-from models.plants.monolithic import MonolithicParameters
-from models.plants.nacs import NacsParameters
+from models.plants.register.entries import kind_of
+from models.plants.register.parameters import BodyParameters
 from sim.estimators.learning_observer import LearningObserver, learning_observer
 from sim.estimators.learning_settings import Learning
 from sim.estimators.particle_observer import DrawBlocks, ParticleObserver
 from sim.estimators.settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
-from sim.plant.kinds import Parameters
 from sim.randomness import Trials
 from sim.sensors.sensors import SensorSettings
 
@@ -46,26 +44,24 @@ class Models:
 
     plain: ProcessModel  # as the paper writes it
     with_drag: ProcessModel  # knows the wheels' friction
-    parameters: Parameters
+    parameters: BodyParameters
 
     @classmethod
-    def of(cls, parameters: Parameters) -> Models:
+    def of(cls, parameters: BodyParameters) -> Models:
         """Models of a plant."""
-        return cls(believed(parameters, False), believed(parameters, True), parameters)
+        believed = kind_of(parameters).believed
+        return cls(believed(parameters, False, None), believed(parameters, True, None), parameters)
+
+    def believing(self, wheel_drag: bool, fault: WheelFault | None) -> ProcessModel:
+        """The model that believes in a fault of the wheels, or none."""
+        if fault is None:
+            return self.with_drag if wheel_drag else self.plain
+        return kind_of(self.parameters).believed(self.parameters, wheel_drag, fault)
 
     @property
     def speeds_are_states(self) -> bool:
         """Whether the wheel speeds are estimated; otherwise they are read and taken as known."""
-        return isinstance(self.plain, WheeledBody)
-
-
-def believed(parameters: Parameters, wheel_drag: bool, fault: WheelFault | None = None) -> ProcessModel:
-    """A plant's analytic model with the wheels' friction or without, and with a fault of the wheels or none."""
-    if isinstance(parameters, NacsParameters):
-        return parameters.process(wheel_drag=wheel_drag, fault=fault)
-    if isinstance(parameters, MonolithicParameters):
-        return parameters.process(believed=True)
-    return parameters.process(fault)  # wheel speeds are read, whatever slows them
+        return "wheels" in kind_of(self.parameters).layout(self.parameters).places
 
 
 class Observer(Protocol):
@@ -197,10 +193,6 @@ def _single(
     multiplicative = isinstance(settings, Mekf) or (isinstance(settings, Ukf) and settings.coordinates == "multiplicative")
     counts = [3 if multiplicative else 4, 3, wheels if models.speeds_are_states else 0]
     unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)  # a rotation vector is twice the quaternion's vector part
-    if fault is None:
-        process = models.with_drag if tuning.wheel_drag else models.plain
-    else:
-        process = believed(models.parameters, tuning.wheel_drag, fault)
     by_vector = isinstance(settings, Aukf | Pf) and settings.measured == "vector"
     space: StateSpace = Multiplicative() if multiplicative else Signed() if by_vector else Additive()
     noise_of_reading = np.diag(np.repeat(unit * r, counts))
@@ -208,7 +200,7 @@ def _single(
     if not models.speeds_are_states:
         read = PartOfReading(read, slice(0, 7))  # wheel speeds are inputs
     common: dict[str, Any] = {
-        "process": process,
+        "process": models.believing(tuning.wheel_drag, fault),
         "process_noise": np.diag(np.repeat(unit * q, counts)),
         "measurement_noise": None,
         "measurement": read,

@@ -19,9 +19,9 @@ from estimation.state_space import Euclidean, StateSpace
 from estimation.unscented import UnscentedFilter
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 from models.dynamics.measurement import PartOfState
+from models.plants.register.parameters import SeveralParameters
 from sim.estimators.rodrigues_settings import AukfSettings, PfSettings
 from sim.formation_randomness import ParticleDraws
-from sim.plant.formation import Parameters
 from sim.randomness import Trials
 
 Array = NDArray[np.floating]
@@ -134,7 +134,7 @@ def _lost(state: Array, reading: Array) -> Flags:
     return np.logical_not(near & (np.abs(state[..., 3:]) < LOST_RATE).all(axis=-1))
 
 
-def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Parameters, seed: int, trials: Trials) -> AgentsFilter:
+def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: SeveralParameters, seed: int, trials: Trials) -> AgentsFilter:
     """The filter that a scenario describes; it believes in the formation's inertias on board."""
     process = AttitudeByRodrigues(plant.believed_inertia[:, None])  # one more axis: sigma points or particles
     rate = settings.rate_process_deviation or settings.process_deviation

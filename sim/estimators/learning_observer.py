@@ -14,11 +14,10 @@ from estimation.state_space import StateSpace
 from models.attitude.quaternion import IDENTITY
 from models.dynamics.learned_torque import BodyWithLearnedTorque
 from models.dynamics.measurement import WholeState
-from models.dynamics.rigid_body import RigidBody
 from models.dynamics.stacked_measurement import PartOfReading
-from models.plants.nacs import NacsParameters
+from models.plants.register.entries import kind_of
+from models.plants.register.parameters import BodyParameters
 from sim.estimators.learning_settings import Learning
-from sim.plant.kinds import Parameters
 from sim.sensors.sensors import SensorSettings
 
 Array = NDArray[np.floating]
@@ -61,13 +60,12 @@ class LearningObserver:
         return belief._replace(mean=belief.mean[..., :7], covariance=own, memory=LearningMemory(belief, learned))
 
 
-def learning_observer(settings: Learning, parameters: Parameters, sensors: SensorSettings) -> LearningObserver:
+def learning_observer(settings: Learning, parameters: BodyParameters, sensors: SensorSettings) -> LearningObserver:
     """The observer that the settings stand for."""
-    if not isinstance(parameters, NacsParameters):
-        raise TypeError("learning observers are for the testbed")
-    axes = parameters.wheel_axes
-    body = RigidBody(parameters.inertia, -axes, parameters.wheel_inertia_kg_m2 * axes)
-    model = BodyWithLearnedTorque(body, settings.basis(axes.shape[1]))
+    learnable = kind_of(parameters).learnable
+    if learnable is None:
+        raise ValueError(f"there is nothing to be learned of a plant of type {parameters.type!r}")
+    model = BodyWithLearnedTorque(learnable.body(parameters), settings.basis(parameters.wheel_axes.shape[1]))
     q, r, _ = settings.numbers.scaled(sensors)
     unit = np.array([4.0, 1.0, 1.0])  # a rotation vector is twice the quaternion's vector part
     state_noise, reading_noise = (np.diag(np.repeat((unit * each)[:2], 3)) for each in (q, r))

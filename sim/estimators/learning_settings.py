@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from models.dynamics.learned_torque import Input, TorqueBasis
-from models.plants.nacs import NacsParameters
+from models.plants.register.entries import KINDS, kind_of
+from models.plants.register.parameters import BodyParameters
 from models.sections import NonNegative, Positive, Section
 from sim.estimators.fading import FadingSettings, NoFadingSettings
 from sim.estimators.tunings import LEAST_VARIANCE, TUNINGS, Tuning
@@ -78,7 +79,7 @@ def compensates(law: Any) -> bool:
     return bool(getattr(law, "compensate_learned", False))
 
 
-def complain_of_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], plant: Any, kinds: Iterable[str]) -> None:
+def complain_of_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], plant: BodyParameters, kinds: Iterable[str]) -> None:
     """Raise ValueError if there is nothing to be learned here, or a law subtracts what nobody learns.
 
     Args:
@@ -91,8 +92,9 @@ def complain_of_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], 
     users = [*learning, *(f"{where}.compensate_learned" for where, law in laws.items() if compensates(law))]
     if not users:
         return
-    if not isinstance(plant, NacsParameters):
-        raise ValueError(f"{users[0]}: what is learned is the unmodelled torque of the testbed; needs plant.type = 'nacs'")
+    if kind_of(plant).learnable is None:
+        known = ", ".join(repr(name) for name, kind in KINDS.items() if kind.learnable)
+        raise ValueError(f"{users[0]}: what is learned is a plant's unmodelled torque; needs plant.type = {known}")
     for number, kind in enumerate(kinds):
         if kind in UNKNOWABLE:
             raise ValueError(f"faults.{number} ({kind}): changes the torque that {users[0]} is held against")

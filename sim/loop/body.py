@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from models.attitude.euler_angles import from_euler_313
 from models.dynamics.unmodelled_torque import UnmodelledTorque
 from models.dynamics.wheel_faults import WheelFault
 from models.plants.assembly import Assembly
-from models.plants.monolithic import MonolithicParameters
-from models.plants.nacs import BALANCE_MASSES, NacsParameters
+from models.plants.register.entries import kind_of
+from models.plants.register.kind import DriveErrors, PlantKind
 from sim import randomness
 from sim.controllers.tracking import TrackingLaw, target_channels
 from sim.estimators.filter_banks import Models, build_banks
@@ -26,7 +27,6 @@ from sim.loop.closed_loop import System
 from sim.loop.variants import Variants
 from sim.parts import Estimator
 from sim.plant.batch import Plant
-from sim.plant.kinds import compile_plant
 from sim.randomness import Stream
 from sim.scenario.one_body import Scenario, StartSettings
 from sim.sensors.sensors import SensorArrays, Sensors, draw_noise
@@ -50,8 +50,9 @@ def build_body(
     """
     user_code, variants = user_code or UserCode(), variants or Variants.alike(scenario, len(trials))
     run, parameters, law = scenario.run, scenario.plant, scenario.law
-    assembly = compile_plant(parameters)
-    inertia = parameters.believed_inertia if isinstance(parameters, MonolithicParameters) else assembly.inertia
+    kind: PlantKind[Any] = kind_of(parameters)
+    assembly = kind.compile(parameters)
+    inertia = kind.believed_inertia(parameters) if kind.believed_inertia else assembly.inertia
     wheels = len(assembly.wheel_joints)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
     sensors = SensorArrays.of(variants.sensors)
@@ -60,7 +61,7 @@ def build_body(
     modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
     estimators = body_estimators(scenario, trials, user_code)
     controller = tracking(user_code.control(surroundings(scenario))) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
-    plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(scenario, variants)
+    plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(kind, scenario, variants)
     return System(
         plant=plant,
         sensors=Sensors(sensors, draw_noise(sensors, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s),
@@ -69,10 +70,10 @@ def build_body(
         law=TrackingLaw(controller, target),
         effectors=BodyEffectors(
             allocation=law.allocator(assembly, modes),
-            command_step_nm=_command_step(scenario, assembly),
+            command_step_nm=_command_step(kind, scenario, assembly),
             faults=faults,
-            drive_noise=_drive_noise(scenario, variants, trials, wheels),
-            disturbance_B=_air(scenario, variants, trials),
+            drive_noise=_drive_noise(kind, scenario, variants, trials, wheels),
+            disturbance_B=_air(kind, scenario, variants, trials),
             wheels=wheels,
         ),
         change=BodyChange(plant, faults),
@@ -92,45 +93,35 @@ def body_estimators(scenario: Scenario, trials: NDArray[np.int64], user_code: Us
     return (*banks, *user_code.filters(surroundings(scenario)))
 
 
-def _air(scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> Array:
-    """Torque of the air flow round a testbed, (ticks, trials, 3) N m in B."""
+def _air(kind: PlantKind[Any], scenario: Scenario, variants: Variants, trials: NDArray[np.int64]) -> Array:
+    """Torque of the air flow round a plant, (ticks, trials, 3) N m in B."""
     run = scenario.run
-    if not isinstance(scenario.plant, NacsParameters):
+    if kind.air is None:
         return np.zeros((run.ticks, len(trials), 3))
-    return randomness.gauss_markov(
-        randomness.normals(run.seed, trials, Stream.AIR, run.ticks, 3),
-        variants.plant_values("air_torque_nm")[:, None],
-        variants.plant_values("air_torque_correlation_s")[:, None],
-        run.tick_s,
-    )
+    deviation, correlation = np.array([kind.air(plant) for plant in variants.plants], dtype=float).T
+    white = randomness.normals(run.seed, trials, Stream.AIR, run.ticks, 3)
+    return randomness.gauss_markov(white, deviation[:, None], correlation[:, None], run.tick_s)
 
 
-def _unmodelled(scenario: Scenario, variants: Variants) -> UnmodelledTorque | None:
-    """The torque that each trial's testbed has and no filter knows, if somebody learns it or knows it from the truth."""
+def _unmodelled(kind: PlantKind[Any], scenario: Scenario, variants: Variants) -> UnmodelledTorque | None:
+    """The torque that each trial's plant has and no filter knows, if somebody learns it or knows it from the truth."""
     if not (compensates(scenario.law) or any(isinstance(o, Learning) for o in scenario.observers.values())):
         return None
-    value = variants.plant_values
-    return UnmodelledTorque(
-        weight=value("mass_kg") * value("gravity_m_s2"),
-        centre_of_mass=1e-6 * value("centre_of_mass_um"),
-        wheel_axes=scenario.plant.wheel_axes,
-        wheel_coulomb=value("wheel_coulomb_nm"),
-        wheel_viscous=value("wheel_viscous_nms"),
-        bearing_viscous=value("bearing_viscous_nms"),
-    )
+    return kind.learnable.torque(variants.plants) if kind.learnable else None
 
 
-def _drive_noise(scenario: Scenario, variants: Variants, trials: NDArray[np.int64], wheels: int) -> Array:
-    """Torque errors of a testbed's drives, (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels."""
+def _drive_noise(kind: PlantKind[Any], scenario: Scenario, variants: Variants, trials: NDArray[np.int64], wheels: int) -> Array:
+    """Torque errors of a plant's drives, (ticks, trials, wheels) N m, or (ticks, trials, 3) without wheels."""
     run = scenario.run
-    if not isinstance(scenario.plant, NacsParameters):
+    if kind.drives is None:
         return np.zeros((run.ticks, len(trials), wheels or 3))
-    return variants.plant_values("drive_torque_noise_nm")[:, None] * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels)
+    deviation = np.array([kind.drives(plant).torque_noise_nm for plant in variants.plants])
+    return deviation[:, None] * randomness.normals(run.seed, trials, Stream.DRIVE, run.ticks, wheels or 3)
 
 
-def _command_step(scenario: Scenario, assembly: Assembly) -> float:
+def _command_step(kind: PlantKind[Any], scenario: Scenario, assembly: Assembly) -> float:
     """Least step of the torque set-point, N m; 0: none."""
-    bits = scenario.plant.command_bits if isinstance(scenario.plant, NacsParameters) else 0
+    bits = (kind.drives(scenario.plant) if kind.drives else DriveErrors()).command_bits
     return 2.0 * assembly.wheel_torque_limit / 2**bits if bits else 0.0
 
 
@@ -154,7 +145,7 @@ def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: N
     rate = np.array([np.radians(start.rate_deg_s) if start.rate_rad_s is None else start.rate_rad_s for start in variants.starts])
     speeds = np.array([start.wheel_speed_rad_s for start in variants.starts])[:, : len(assembly.wheel_joints)]
     plant.start(attitude, rate, speeds)
-    if isinstance(scenario.plant, NacsParameters):
-        for name, position in zip(BALANCE_MASSES, 1e-3 * variants.plant_values("balance_position_mm").T, strict=True):
-            plant.hold(name, position)
+    held = [kind_of(scenario.plant).holds(one) for one in variants.plants]
+    for name in held[0]:
+        plant.hold(name, np.array([own[name] for own in held]))
     return plant

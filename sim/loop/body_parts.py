@@ -132,7 +132,7 @@ class BodyChange:
             now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
             for wheel in np.flatnonzero((now != before).any(axis=0)):
                 changed = (now != before)[:, wheel]
-                friction = np.where(now[:, wheel], LOCKING * plant.assembly.wheel_torque_limit, plant.wheel_coulomb)
+                friction = np.where(now[:, wheel], LOCKING * plant.assembly.wheel_torque_limit, plant.wheel_coulomb[:, wheel])
                 plant.set_wheel_friction(changed, int(wheel), friction[changed])
         if faults.mass is not None:
             which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)

@@ -7,8 +7,9 @@ from functools import lru_cache
 from typing import Any
 
 from estimation.state_space import Euclidean, StateSpace
-from models.plants.agents import compile_agents as compile_planar
 from models.plants.assembly import Assembly
+from models.plants.register.entries import KINDS
+from models.plants.register.parameters import Parameters
 from sim.loop.body import body_estimators, build_body
 from sim.loop.closed_loop import System
 from sim.loop.consensus import build_consensus, consensus_estimators
@@ -16,7 +17,6 @@ from sim.loop.formation import build_formation, formation_estimators
 from sim.loop.recorder import MULTIPLICATIVE
 from sim.loop.variants import Variants
 from sim.parts import Estimator
-from sim.plant.formation import Parameters, compile_agents
 from sim.plant.kinds import compile_plant
 from sim.randomness import Trials
 from sim.scenario.consensus import ConsensusScenario
@@ -50,7 +50,7 @@ def build_estimators(scenario: AnyScenario, trials: Trials, user_code: UserCode,
 
 def assembly_of(scenario: AnyScenario) -> Assembly:
     """The compiled plant of a scenario."""
-    return ASSEMBLIES[scenario.family](scenario)
+    return _compiled(scenario.plant)
 
 
 def errors_of(scenario: AnyScenario) -> StateSpace:
@@ -59,7 +59,8 @@ def errors_of(scenario: AnyScenario) -> StateSpace:
 
 
 def _body(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
-    return build_body(scenario.singles()[loop], trials, user_code, variants)
+    single = scenario.singles()[loop]
+    return build_body(single, trials, user_code, variants.of_loop(single) if variants else None)
 
 
 def _formation(scenario: FormationScenario, loop: str, trials: Trials, user_code: UserCode, variants: Variants | None) -> System:
@@ -72,12 +73,12 @@ def _consensus(scenario: ConsensusScenario, loop: str, trials: Trials, user_code
 
 def _compiled(parameters: Parameters) -> Assembly:
     """All loops of a scenario share one model."""
-    return _compiled_from(type(parameters), parameters.model_dump_json())
+    return _compiled_from(parameters.type, parameters.model_dump_json())
 
 
 @lru_cache(maxsize=2)
-def _compiled_from(kind: type[Parameters], said: str) -> Assembly:
-    return compile_agents(kind.model_validate_json(said))
+def _compiled_from(kind: str, said: str) -> Assembly:
+    return compile_plant(KINDS[kind].parameters.model_validate_json(said))
 
 
 def _body_estimators(scenario: Scenario, loop: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
@@ -88,11 +89,6 @@ ESTIMATORS: dict[str, Callable[[Any, str, Trials, UserCode], tuple[Estimator, ..
     "body": _body_estimators,
     "formation": formation_estimators,
     "consensus": consensus_estimators,
-}
-ASSEMBLIES: dict[str, Callable[[Any], Assembly]] = {
-    "body": lambda scenario: compile_plant(scenario.plant),
-    "formation": lambda scenario: _compiled(scenario.plant),
-    "consensus": lambda scenario: compile_planar(scenario.plant),
 }
 ERRORS: dict[str, StateSpace] = {"body": MULTIPLICATIVE, "formation": Euclidean(), "consensus": Euclidean()}
 BUILDERS: dict[str, Builder] = {"body": _body, "formation": _formation, "consensus": _consensus}

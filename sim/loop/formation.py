@@ -12,8 +12,9 @@ from estimation.leader_acceleration import LeaderAccelerationFilter
 from estimation.state_space import Euclidean
 from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
-from sim.controllers.drives import Drives, Stored, effectors
+from models.plants.register.entries import kind_of
 from sim.controllers.drives import Effectors as FormationDrives
+from sim.controllers.drives import Stored, effectors
 from sim.estimators.formation import agents_filter
 from sim.faults.formation import FormationFaults, schedule
 from sim.faults.timeline import Occurrence
@@ -21,7 +22,7 @@ from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
 from sim.network.messages import Heard, LinkFaults, Network
 from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
-from sim.plant.formation import AgentsTruth, FormationPlant, formation_plant
+from sim.plant.formation import AgentsTruth, FormationPlant
 from sim.randomness import Trials
 from sim.scenario.formation import FormationScenario
 from sim.sensors.rodrigues import RodriguesSensors
@@ -234,10 +235,12 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     ticks, dt, agents = run.ticks, run.tick_s, parameters.agents
     faults = schedule(scenario.faults, ticks, dt, graph, loop.law.gains, scenario.reading_deviation, scenario.wheels)
     leader = scenario.leader.motion(dt * np.arange(ticks))
-    plant = formation_plant(parameters, assembly, len(trials))
+    plant = FormationPlant(assembly, len(trials))
+    for actuator, setpoint in kind_of(parameters).holds(parameters).items():
+        plant.hold(actuator, setpoint)
     first = modified_rodrigues.shorter(scenario.starts) if loop.shadow else scenario.starts
     plant.start(modified_rodrigues.to_quaternion(first), np.zeros(3), np.zeros(()))
-    drives: Drives | Any = effectors(parameters, agents, faults, run.seed, trials, dt)
+    drives = effectors(parameters, assembly, faults, run.seed, trials, dt)
     estimators = formation_estimators(scenario, name, trials, user_code)
     user_law = user_code.control(surroundings(scenario))
     law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)

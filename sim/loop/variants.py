@@ -8,32 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from models.plants.register.entries import kind_of
+from models.plants.register.kind import Joint
+from models.plants.register.parameters import BodyParameters
 from sim.faults.kinds import Fault
 from sim.plant.batch import Dispersion
-from sim.plant.kinds import Parameters
 from sim.scenario.one_body import Scenario, StartSettings
 from sim.sensors.sensors import SensorSettings
-
-Array = NDArray[np.floating]
-
-# parameters of the plant that can differ from trial to trial in one batch; the others are part of the compiled model
-DISPERSIBLE = (
-    "inertia_kg_m2",
-    "centre_of_mass_um",
-    "balance_position_mm",
-    "wheel_coulomb_nm",
-    "wheel_viscous_nms",
-    "bearing_viscous_nms",
-    "drive_torque_noise_nm",
-    "air_torque_nm",
-    "air_torque_correlation_s",
-)
 
 
 class Variants(NamedTuple):
     """One entry a trial."""
 
-    plants: Sequence[Parameters]
+    plants: Sequence[BodyParameters]
     sensors: Sequence[SensorSettings]
     faults: Sequence[tuple[Fault, ...]]
     starts: Sequence[StartSettings]
@@ -53,18 +40,23 @@ class Variants(NamedTuple):
             [self.starts[i] for i in chosen],
         )
 
-    def plant_values(self, name: str) -> Array:
-        """A parameter of all trials' plants, (trials, ...)."""
-        return np.array([getattr(plant, name) for plant in self.plants], dtype=float)
-
-    def dispersion(self, compiled: Parameters) -> Dispersion | None:
+    def dispersion(self, compiled: BodyParameters) -> Dispersion | None:
         """What the plant must be told, or None if all trials have the plant that was compiled."""
         if all(plant is compiled for plant in self.plants):
             return None
+        joints = kind_of(compiled).joints
+        each = [joints(plant) for plant in self.plants]
         return Dispersion(
             inertia=np.stack([plant.inertia for plant in self.plants]),
-            centre_of_mass=1e-6 * self.plant_values("centre_of_mass_um"),
-            wheel_coulomb=self.plant_values("wheel_coulomb_nm"),
-            wheel_viscous=self.plant_values("wheel_viscous_nms"),
-            bearing_viscous=self.plant_values("bearing_viscous_nms"),
+            centre_of_mass=np.stack([plant.centre_of_mass for plant in self.plants]),
+            joints={name: _of_trials([own[name] for own in each]) for name in each[0]},
         )
+
+    def of_loop(self, single: Scenario) -> Variants:
+        """The same trials in one of several loops, which may be spared the faults."""
+        return self if single.faults else self._replace(faults=[()] * len(self.faults))
+
+
+def _of_trials(joints: Sequence[Joint]) -> Joint:
+    """What resists in a joint, an entry a trial."""
+    return Joint(*(None if part[0] is None else np.array(part, dtype=float) for part in zip(*joints, strict=True)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import mujoco
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.assembly import Assembly
+from models.plants.register.kind import Joint
 
 Array = NDArray[np.floating]
 
@@ -56,9 +58,7 @@ class Dispersion(NamedTuple):
 
     inertia: Array  # (trials, 3, 3) kg m2, locked wheels, about the centre of rotation
     centre_of_mass: Array  # (trials, 3) m
-    wheel_coulomb: Array  # (trials,) N m
-    wheel_viscous: Array  # (trials,) N m s/rad
-    bearing_viscous: Array  # (trials,) N m s/rad
+    joints: Mapping[str, Joint]  # what resists in each, by name, (trials,)
 
 
 class Plant:
@@ -73,7 +73,7 @@ class Plant:
         self._batch.reset(keyframe=model.keyframe(assembly.keyframe).id)
         self.inertia: Array = np.tile(assembly.inertia, (trials, 1, 1))  # of each trial, faults aside
         self.centre_of_mass: Array = np.tile(assembly.centre_of_mass, (trials, 1))
-        self.wheel_coulomb: Array = np.full(trials, assembly.wheel_friction)
+        self.wheel_coulomb: Array = np.full((trials, len(assembly.wheel_joints)), assembly.wheel_friction)
         self._steps_done = 0
         self._start = self._batch.bind("qpos").copy(), self._batch.bind("qvel").copy()
         quaternion, rate = [], []
@@ -173,11 +173,21 @@ class Plant:
     def disperse(self, dispersion: Dispersion) -> None:
         """Give every trial a plant of its own, from the start on."""
         everyone = np.ones(self.trials, dtype=bool)
-        self.inertia, self.centre_of_mass, self.wheel_coulomb = dispersion.inertia, dispersion.centre_of_mass, dispersion.wheel_coulomb
+        self.inertia, self.centre_of_mass = dispersion.inertia, dispersion.centre_of_mass
         self.set_mass_properties(everyone, self.inertia, self.centre_of_mass)
-        for wheel in range(len(self._wheel_dof)):
-            self.set_wheel_friction(everyone, wheel, dispersion.wheel_coulomb, dispersion.wheel_viscous)
-        self._batch.expand("dof_damping")[:, self._rate] = dispersion.bearing_viscous[:, None]
+        for name, resists in dispersion.joints.items():
+            joint = self.assembly.model.joint(name)
+            dofs = int(joint.dofadr[0]) + np.arange(len(joint.damping))
+            if resists.dry_friction is not None:
+                self._batch.expand("dof_frictionloss")[:, dofs] = resists.dry_friction[:, None]
+            if resists.damping is not None:
+                self._batch.expand("dof_damping")[:, dofs] = resists.damping[:, None]
+            if resists.stiffness is not None:
+                self._batch.expand("jnt_stiffness")[:, joint.id] = resists.stiffness
+        frictions = [dispersion.joints.get(name, Joint()).dry_friction for name in self.assembly.wheel_joints]
+        for wheel, friction in enumerate(frictions):
+            if friction is not None:
+                self.wheel_coulomb[:, wheel] = friction
 
     def set_wheel_friction(self, trials: Array, wheel: int, coulomb: Array | float, viscous: Array | float | None = None) -> None:
         """Set the dry (N m) and viscous (N m s/rad) friction of a wheel's bearing in some trials; a large dry one locks it."""

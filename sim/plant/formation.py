@@ -9,19 +9,9 @@ from numpy.typing import NDArray
 
 from models.attitude import modified_rodrigues
 from models.plants.assembly import Assembly
-from models.plants.formation import FormationParameters, compile_formation
-from models.plants.formation_nacs import FormationNacsParameters, compile_testbeds
-from models.plants.nacs import BALANCE_MASSES
 from sim.plant.batch import Plant
 
 Array = NDArray[np.floating]
-
-Parameters = FormationParameters | FormationNacsParameters
-
-
-def compile_agents(parameters: Parameters) -> Assembly:
-    """Compile all agents in one world; raises ImpossibleInertia."""
-    return compile_testbeds(parameters) if isinstance(parameters, FormationNacsParameters) else compile_formation(parameters)
 
 
 class AgentsTruth(NamedTuple):
@@ -64,17 +54,3 @@ class FormationPlant(Plant):
         ):
             self._batch.expand(field)[:, self._bodies] = value
         self._batch.set_const(np.arange(self.trials))
-
-    def hold_masses(self, position: Array) -> None:
-        """Send the balance masses of all testbeds to set-points on their rails, (3,) m."""
-        for joint in self.assembly.attitude_joints:
-            for name, one in zip(BALANCE_MASSES, position, strict=True):
-                self.hold(joint.rpartition("/")[0] + "/" + name, one)
-
-
-def formation_plant(parameters: Parameters, assembly: Assembly, trials: int) -> FormationPlant:
-    """Trials of a plant as its parameters set it up."""
-    plant = FormationPlant(assembly, trials)
-    if isinstance(parameters, FormationNacsParameters):
-        plant.hold_masses(1e-3 * np.array(parameters.testbed.balance_position_mm))
-    return plant

@@ -5,6 +5,8 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+from models.plants.register.entries import KINDS
+
 SCENARIOS = Path(__file__).with_name("scenarios")
 
 # What the scenarios of a folder have in common.
@@ -31,6 +33,15 @@ def families() -> dict[str, list[str]]:
         family, _, own = name.partition("/")
         found.setdefault(family, []).append(own)
     return {family: found[family] for family in sorted(found, key=lambda family: order.get(family, len(order)))}
+
+
+def what(family: str) -> str:
+    """What the scenarios of a folder have in common; of one that nobody has described, what the plant of its first is."""
+    if family in FAMILIES:
+        return FAMILIES[family]
+    first = min(SCENARIOS.glob(f"{family}/*.toml"))
+    plant = tomllib.loads(first.read_text(encoding="utf-8")).get("plant", {}).get("type", "")
+    return KINDS[plant].says if plant in KINDS else ""
 
 
 def title(path: Path) -> str:

@@ -9,6 +9,8 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel, ValidationError
 
+from models.plants.register.entries import KINDS
+from models.plants.register.parameters import Parameters
 from sim.bad_input import BadInput
 from sim.scenario.catalogue import SCENARIOS, scenario_names
 from sim.scenario.consensus import ConsensusScenario
@@ -17,8 +19,8 @@ from sim.scenario.one_body import Scenario
 from sim.scenario.run import RunSettings
 from sim.scenario.validation import first_complaint
 
-# plant.type in a file: what the file must be; all others are of one body
-KINDS: dict[str, type[BaseModel]] = {"formation": FormationScenario, "formation-nacs": FormationScenario, "agents": ConsensusScenario}
+# what a file must be, by the family of its plant
+FAMILIES: dict[str, type[BaseModel]] = {"body": Scenario, "formation": FormationScenario, "consensus": ConsensusScenario}
 
 
 class AnyScenario(Protocol):
@@ -37,6 +39,11 @@ class AnyScenario(Protocol):
     @property
     def source(self) -> str:
         """Equation, table or figure that it comes from."""
+        ...
+
+    @property
+    def plant(self) -> Parameters:
+        """What is simulated."""
         ...
 
     @property
@@ -97,7 +104,7 @@ def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = N
         override(data, key, value)
     plant = data.get("plant")
     kind = plant.get("type") if isinstance(plant, dict) else None
-    model = KINDS.get(kind, Scenario) if isinstance(kind, str) else Scenario
+    model = FAMILIES[KINDS[kind].family] if isinstance(kind, str) and kind in KINDS else Scenario
     try:
         return model.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,12 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
-from models.plants.formation import FormationParameters
-from models.plants.formation_nacs import FormationNacsParameters, prepare_testbeds
 from models.plants.inertia import why_impossible
+from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Ordinal, Positive, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
 from sim.faults.formation import AddedInertia, ConstantCommand, Cut, Fault, OtherGains, Readings, WheelFailure
+from sim.plant.kinds import FormationSettings
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -32,21 +32,6 @@ STARTS: tuple[tuple[float, float, float], ...] = (
     (-1.2, -1.2, -1.2 * _TWO),
 )
 RESERVED = ("truth", "leader", "all")
-
-
-class FormationPlantSettings(FormationParameters):
-    """Spacecraft in formation; every parameter of models/plants/formation.py is a key."""
-
-    type: Literal["formation"]
-
-
-class FormationNacsPlantSettings(FormationNacsParameters):
-    """Air-bearing testbeds in formation; the parameters of models/plants/formation_nacs.py are keys, those of nacs.py in `testbed`."""
-
-    type: Literal["formation-nacs"]
-
-
-PlantSettings = Annotated[FormationPlantSettings | FormationNacsPlantSettings, Field(discriminator="type")]
 
 
 class GraphSettings(Section):
@@ -114,7 +99,7 @@ class FormationScenario(Section):
     title: str
     source: str = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
-    plant: PlantSettings
+    plant: FormationSettings
     graph: GraphSettings = GraphSettings()
     leader: LeaderSettings = LeaderSettings()
     start: StartSettings = StartSettings()
@@ -178,12 +163,12 @@ class FormationScenario(Section):
 
     def _can_be_had(self, label: str, fault: AddedInertia) -> None:
         """Raise ValueError if bodies with more inertia are none."""
-        if isinstance(self.plant, FormationPlantSettings) and self.plant.inertia_kg_m2 == "printed":
+        kind = kind_of(self.plant)
+        if kind.any_tensor(self.plant):
             return
-        carried = wholes = self.plant.inertia + np.diag(fault.add_kg_m2)
-        if isinstance(self.plant, FormationNacsPlantSettings):  # beside wheels and masses there must be a bus
-            moments = prepare_testbeds(self.plant).reassemble(wholes, self.plant.centres_of_mass).moments
-            carried = moments[..., None] * np.eye(3)
+        wholes = self.plant.inertia + np.diag(fault.add_kg_m2)
+        moments = kind.prepare(self.plant).reassemble(wholes, self.plant.centres_of_mass).moments
+        carried = moments[..., None] * np.eye(3)  # what is left for each body that carries wheels and masses
         for agent, (whole, own) in enumerate(zip(wholes, carried, strict=True)):
             if reason := why_impossible(whole) or why_impossible(own):
                 raise ValueError(f"{label}: no rigid body has the inertia of agent {agent + 1}, {reason}")
@@ -195,9 +180,7 @@ class FormationScenario(Section):
 
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
-        said = []
-        if isinstance(self.plant, FormationPlantSettings) and self.plant.inertia_kg_m2 == "printed":
-            said.append("plant.inertia_kg_m2: no rigid body has the printed tensors; they are flown all the same")
+        said = kind_of(self.plant).warnings(self.plant)
         if any(loop.law.acceleration_sign > 0 for loop in self.loops.values()):
             said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")
         if any(isinstance(fault, Readings) and np.abs(fault.bias) > 0 for fault in self.faults):
@@ -214,7 +197,7 @@ class FormationScenario(Section):
     @property
     def wheels(self) -> int:
         """Of each agent."""
-        return self.plant.testbed.wheel_axes.shape[1] if isinstance(self.plant, FormationNacsPlantSettings) else 0
+        return self.plant.wheel_axes.shape[1]
 
     @property
     def starts(self) -> Array:

@@ -7,14 +7,14 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from models.plants.assembly import ImpossibleInertia
+from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Section
-from sim.bad_input import BadInput
 from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import complain_of_learning
 from sim.estimators.settings import Imm
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, complain_of_faults
-from sim.plant.kinds import NacsPlant, PlantSettings, complain_of_masses
+from sim.plant.kinds import PlantSettings, check_masses
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, complain_of_laws, complain_of_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows
@@ -107,7 +107,7 @@ class Scenario(Section):
         complain_of_faults(self.faults, duration, wheels)
         complain_of_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:
-            complain_of_masses(self.plant, self.faults)
+            check_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
         return self
@@ -118,16 +118,9 @@ class Scenario(Section):
         assert self.control is not None, "of several loops, `singles` gives each on its own"
         return self.control
 
-    @property
-    def testbed(self) -> NacsPlant:
-        """The plant, for what only knows the testbed; raises BadInput if it is another, or flies several loops."""
-        if not isinstance(self.plant, NacsPlant) or self.control is None:
-            raise BadInput("plant.type: this needs the testbed (type = 'nacs') with one [control]")
-        return self.plant
-
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
-        return [
+        return kind_of(self.plant).warnings(self.plant) + [
             line
             for name, o in self.observers.items()
             if isinstance(o, Imm)

@@ -13,7 +13,7 @@ from control.falsification import DAMPING_PARABOLA, energy, values
 from control.unfalsified import UnfalsifiedController
 from models.attitude import quaternion
 from models.plants.assembly import Assembly
-from models.plants.flexible_parameters import FlexibleParameters
+from models.plants.register.entries import kind_of
 from sim.controllers.settings import UnfalsifiedSettings
 from sim.loop.recording import Recording
 from sim.metrics.antenna_study import CHANNELS
@@ -146,10 +146,11 @@ class AntennaFlight(Flight):
     def linear(self, channel: int, theta: Array) -> FixedGainLoop | None:
         """The loop of a fixed controller theta (2,) around the linear model of the plant, if there is one."""
         plant = self.scenario.plant
-        if not isinstance(plant, FlexibleParameters):
+        linear = kind_of(plant).linear_channel
+        if linear is None:
             return None
         return FixedGainLoop(
-            plant.linear_channel(AXES[channel]), 1.0 / theta[0], theta[1] / theta[0], self.recording.dt, self.pointing.delay_ticks
+            linear(plant, AXES[channel]), 1.0 / theta[0], theta[1] / theta[0], self.recording.dt, self.pointing.delay_ticks
         )
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.state_space import Euclidean, Multiplicative, StateSpace
-from models.dynamics.planar_body import PlanarBody
 from models.dynamics.process import ProcessModel
 from models.dynamics.state_layout import StateLayout
+from models.plants.register.entries import kind_of
 from sim.estimators.filter_banks import Models
 from sim.faults.kinds import DropOut
 from sim.scenario.consensus import ConsensusScenario
@@ -84,7 +84,7 @@ def _of_a_body(scenario: Scenario) -> Surroundings:
     models, sensors = Models.of(scenario.plant), scenario.sensors
     all_wheels = scenario.plant.wheel_axes.shape[1]
     wheels = all_wheels if models.speeds_are_states else 0
-    layout = StateLayout.of_a_body(wheels)
+    layout = kind_of(scenario.plant).layout(scenario.plant)
     noise = np.diag(np.repeat(sensors.variances, [3, 3, wheels]))
     setting = Setting(models.plain, models.with_drag, layout, Multiplicative(), noise, wheels)
     missing = sensors.dropout_probability > 0 or any(isinstance(fault, DropOut) for fault in scenario.faults)
@@ -100,8 +100,8 @@ def _of_a_body(scenario: Scenario) -> Surroundings:
 
 
 def _of_a_formation(scenario: FormationScenario) -> Surroundings:
-    layout = StateLayout.by_rodrigues(scenario.plant.agents)
-    process = scenario.plant.process(believed=True)
+    kind = kind_of(scenario.plant)
+    layout, process = kind.layout(scenario.plant), kind.believed(scenario.plant, False, None)
     noise = np.diag(layout.repeated({"attitude": scenario.reading_deviation**2, "rate": NEVER_READ}))
     setting = Setting(process, process, layout, Euclidean(), noise, 0)
 
@@ -112,8 +112,8 @@ def _of_a_formation(scenario: FormationScenario) -> Surroundings:
 
 
 def _of_consensus(scenario: ConsensusScenario) -> Surroundings:
-    layout = StateLayout.in_the_plane(len(scenario.plant.start))
-    process, sensors = PlanarBody(scenario.plant.mass_kg), scenario.sensors
+    kind, sensors = kind_of(scenario.plant), scenario.sensors
+    layout, process = kind.layout(scenario.plant), kind.believed(scenario.plant, False, None)
     noise = np.diag(layout.repeated({"position": sensors.position_std_m**2, "velocity": sensors.speed_std_m_s**2}))
     setting = Setting(process, process, layout, Euclidean(), noise, 0)
     return Surroundings(setting, 2, 0, lambda reading: reading, lambda known: known.force, networked=True)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
+from models.plants.flexible import PLANT_KIND
 from models.plants.flexible_parameters import FlexibleParameters
 from models.plants.panelled_body import PanelledBody
 from sim.crosscheck.attribution import Effect
-from sim.crosscheck.family import FAULTS, PlantFamily, off
+from sim.crosscheck.family import FAULTS, PlantFamily, effects_of
 from sim.crosscheck.kinds import free_body
 from sim.crosscheck.kinds.conic import conic_signs
 from sim.crosscheck.kinds.panels import BENCH, PANEL_CHECKS, lock_panels, rigid_body
@@ -43,8 +44,7 @@ FLEXIBLE: PlantFamily[FlexibleParameters] = PlantFamily(
     whole=rigid_body,
     effects=(
         Effect("panels bend", Change(built=(lock_panels,))),
-        off("wheel dry friction", wheel_coulomb_nm=0.0),
-        off("wheel viscous friction", wheel_viscous_nms=0.0),
+        *effects_of(PLANT_KIND),
         FAULTS,
     ),
     checks=tuple(partial(check, BENCH) for check in (*free_body.WHEELED_CHECKS, *PANEL_CHECKS)),

@@ -60,13 +60,13 @@ def conservation(bench: Bench[P], parameters: P) -> list[Check]:
     """Momentum in N and energy of a turning body with spinning wheels, and its attitude by the exact equations, 100 s."""
     chosen, made = bench.made(parameters, bench.clamped, **bench.bare)
     body, plant, wheels = bench.exact(chosen), Plant(made, 1), len(made.wheel_joints)
-    plant.start(quaternion.IDENTITY, bench.turning, SPINNING[:wheels])
+    plant.start(quaternion.IDENTITY, bench.turning, np.resize(SPINNING, wheels))
     path = advance(plant, 100.0, 1.0)
     found = diagnose(made, column(path, "qpos"), column(path, "qvel"))
     momentum, energy, time = found.momentum_N[:, 0], found.energy[:, 0], column(path, "time")
     drift = float(np.linalg.norm(momentum - momentum[0], axis=-1).max() / np.linalg.norm(momentum[0]))
     gain = float(np.abs(energy - energy[0]).max() / energy[0])
-    start = np.concatenate([quaternion.IDENTITY, bench.turning, SPINNING[:wheels]])
+    start = np.concatenate([quaternion.IDENTITY, bench.turning, np.resize(SPINNING, wheels)])
     idle = np.zeros(wheels or 3)
     exact = solve_ivp(lambda _, x: body.derivative(x, idle), (0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-12).y.T
     apart = np.degrees(quaternion.angle(column(path, "q_BN")[:, 0], quaternion.normalize(exact[:, :4])))

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
-from models.plants.freeflyer import FreeflyerParameters, compile_freeflyer
+from models.plants.freeflyer import PLANT_KIND, FreeflyerParameters, compile_freeflyer
 from sim.crosscheck.bench import Bench
 from sim.crosscheck.divergence import passes
 from sim.crosscheck.failure import Failure
-from sim.crosscheck.family import FAULTS, PlantFamily, off
+from sim.crosscheck.family import FAULTS, PlantFamily, effects_of
 from sim.crosscheck.kinds import free_body
 from sim.crosscheck.model_variants import Model
 from sim.crosscheck.open_loop import Flight, integrate
@@ -90,8 +90,7 @@ FREEFLYER: PlantFamily[FreeflyerParameters] = PlantFamily(
     exact=lambda parameters: parameters.full_process(coupled=True),
     whole=lambda parameters: parameters.full_process(coupled=True),
     effects=(
-        off("wheel dry friction", wheel_coulomb_nm=0.0),
-        off("wheel viscous friction", wheel_viscous_nms=0.0),
+        *effects_of(PLANT_KIND),
         FAULTS,
     ),
     checks=tuple(partial(check, BENCH) for check in free_body.WHEELED_CHECKS),

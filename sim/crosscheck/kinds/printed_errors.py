@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from models.attitude import quaternion
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants.assembly import ImpossibleInertia
 from models.plants.inertia import why_impossible
-from models.plants.nacs import compile_nacs
+from models.plants.nacs import NacsParameters, compile_nacs
 from sim.controllers.tracking import TrackingLaw
 from sim.crosscheck.divergence import momentum_N, passes
 from sim.crosscheck.failure import Failure, FailureFunction
@@ -40,9 +41,14 @@ class _Opposite:
         return -self.law.step(estimate, target)
 
 
+def _testbed(flight: Flight) -> NacsParameters:
+    """The plant, which is the testbed: these are of its register entry."""
+    return cast(NacsParameters, flight.scenario.plant)
+
+
 def inertia(flight: Flight, bare: Array) -> list[Failure]:
     """Eq. 26, J_yy = 0.172994: the plant refuses it, and the analytic model with it leaves a plant that has no other effect."""
-    plant, tick_s = flight.scenario.testbed, flight.scenario.run.tick_s
+    plant, tick_s = _testbed(flight), flight.scenario.run.tick_s
     printed = altered(plant, inertia_kg_m2="printed")
     ratio, remark = 0.0, "the plant takes it"
     try:
@@ -73,7 +79,7 @@ def _triangle(tensor: Array) -> float:
 
 def gyroscopic_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
     """Eq. 24, +omega x H: free of torque, the momentum must keep its direction in N (eq. 5); its length does not tell."""
-    plant, steps = flight.scenario.testbed, 500
+    plant, steps = _testbed(flight), 500
     body = plant.process(coupled=True)
     start = np.concatenate([quaternion.IDENTITY, [0.1, -0.05, 0.12], [300.0, -200.0, 150.0, 250.0]])
     none = np.zeros((steps + 1, body.wheel_axes.shape[1]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from sim.loop.recording import Recording
-from sim.plant.formation import compile_agents
+from sim.plant.kinds import compile_plant
 from sim.rerun.agents.formation_scene import FreeScene, Scene, shades
 from sim.rerun.agents.testbeds import RoomScene, wheel_curves
 from sim.rerun.blueprint import BACKGROUND, Page, blueprint
@@ -45,7 +45,7 @@ def write_formation(
     loops = flights(recordings, scenario)
     numbers = loops[0].recorded
     shown = next((f for f in loops if scenario.loops[f.loop].feedback != "truth"), loops[0])
-    scene = (RoomScene if scenario.wheels else FreeScene)(compile_agents(scenario.plant), shown)
+    scene = (RoomScene if scenario.wheels else FreeScene)(compile_plant(scenario.plant), shown)
     prefixes = {f"Trial {number}": f"trial_{number}/" if len(numbers) > 1 else "" for number in numbers}
     layouts = {label: layout(prefix, shown, loops, scene) for label, prefix in prefixes.items()}
     with rr.RecordingStream(APPLICATION) as stream:

@@ -1,0 +1,1 @@
+"""The register of plants: what an entry says, and the entries."""
