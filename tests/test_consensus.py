@@ -17,9 +17,10 @@ from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AgentsParameters, compile_agents
 from sim.campaign.blocks import simulate
+from sim.faults.timeline import schedule
 from sim.loop.build import build
 from sim.loop.closed_loop import run
-from sim.loop.consensus import unknown_force
+from sim.loop.consensus import UnknownForce
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.metrics.results import rows
 from sim.plant.planar_agents import AgentsPlant
@@ -27,7 +28,7 @@ from sim.report.register import write_report
 from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.consensus import ConsensusScenario
-from sim.series.consensus import happenings
+from sim.series.consensus import occurrences
 from sim.tables.register import tables_of
 
 FOLDER = SCENARIOS / "consensus"
@@ -48,6 +49,13 @@ def flown(name: str, loop: str, ticks: int = 2000, trials: int = 1, **changes):
 
 def between(values, start: float, end: float):
     return values[round(start / 0.01) : round(end / 0.01)]
+
+
+def unknown_force(settings, motion, time):
+    """What acts on agents at an instant, with the faults of the scenario."""
+    laid = schedule([settings.faults], settings.parts, 1, np.arange(1), settings.run.ticks, 0.01)
+    force = UnknownForce(settings.plant, settings.parts.disturbance, laid)
+    return force.at(int(100.0 * time + 1e-6), motion, time).reshape(*motion.shape[:-1], 2)
 
 
 # the plant --------------------------------------------------------------------------------------------------------------------------
@@ -184,7 +192,13 @@ def test_the_marginalised_filter_is_no_better_than_the_joint_one():
 def test_the_files_of_the_chapter_are_complete(name):
     settings = scenario(name)
     assert set(settings.loops) == {"exact", "none", "adtl", "aukf", "mupf-a", "mupf-a-prior", "mupf-b"}
-    assert len(happenings(settings)) == len(settings.faults)
+    laid = schedule([settings.faults], settings.parts, 1, np.arange(1), settings.run.ticks, 0.01).occurrences
+    assert [(one.start_tick, one.end_tick) for one in laid] == {
+        "fault-free": [],
+        "dynamics": [(200, 1000), (1000, 1500), (1500, 2000)],
+        "disturbance": [(500, 1000), (1000, 1500), (1500, 2000)],
+        "command-fault": [(200, 600)],
+    }[name]
     assert bool(settings.faults) == (name != "fault-free")
 
 
@@ -211,6 +225,7 @@ def test_pictures_and_tables_are_written(tmp_path):
     settings = scenario("command-fault", 60, ("exact", "none", "aukf"), faults=[{"kind": "command", "start_s": 0.1, "end_s": 0.2}])
     block = simulate(settings, np.arange(2), np.arange(2))
     metrics, kept = block.metrics, block.recordings
+    assert [(one.start_tick, one.text) for one in occurrences(kept)] == [(10, "no sliding terms in the command")]
     tables = tables_of(rows(metrics), settings, 2, (), None)
     assert [table.row_count for table in tables] == [3, 3]
     write_report(tmp_path / "report.png", "consensus/command-fault", settings, kept)

@@ -19,11 +19,12 @@ from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, FormationParame
 from models.plants.inertia import tensor, why_impossible
 from sim.campaign.blocks import simulate
 from sim.estimators.formation import agents_filter
-from sim.faults.formation import schedule
+from sim.faults.effects import INERTIA
+from sim.faults.timeline import schedule
 from sim.formation_randomness import Blocks
 from sim.loop.build import build
 from sim.loop.closed_loop import run
-from sim.loop.formation import apart_squared, formation_angle, push
+from sim.loop.formation import apart_squared, formation_angle
 from sim.metrics.formation import settling_time
 from sim.metrics.results import rows
 from sim.network.messages import Network
@@ -92,7 +93,7 @@ def test_the_compiled_bodies_have_the_tensors(name):
 def analytic(described, ticks):
     """SKAE and FKAE of the model in modified Rodrigues parameters under the same law, by the Runge-Kutta method alone."""
     graph, law = described.communication(), described.loops["truth"].law
-    faults = schedule(described.faults, ticks, 0.01, graph, law.gains, 0.0)
+    faults = schedule([described.faults], described.parts, 5, np.arange(1), ticks, 0.01)
     controller = FormationLaw(described.plant.believed_inertia, law.gains)
     leader = described.leader.motion(0.01 * np.arange(ticks))
     state, p, out = np.concatenate([described.starts, np.zeros((6, 3))], axis=-1), np.zeros((6, 3)), np.zeros((ticks, 2))
@@ -100,8 +101,9 @@ def analytic(described, ticks):
         out[k] = np.linalg.norm(state[:, :3] - leader[k, :3]), np.sqrt(apart_squared(state[:, :3]))
         said = np.concatenate([leader[k][None], np.concatenate([state, p], axis=-1)])[None]
         torque = controller.step(state, said[..., :6], graph.listening, p)
-        torque = torque + push(faults.disturbance[k], 0.01 * k)
-        body = type(described.plant.process())(described.plant.inertia + np.diag(faults.inertia[k]))
+        pushed, added = faults.push(k), faults.at(INERTIA, k)
+        torque = torque if pushed is None else torque + pushed[0]
+        body = type(described.plant.process())(described.plant.inertia if added is None else described.plant.inertia + added[0])
         state = runge_kutta(body, state, torque, 0.01)
         p = LeaderAccelerationFilter().step(p, said[..., 6:], graph.listening, 0.01)
     return out
@@ -202,7 +204,7 @@ def test_the_law_cancels_what_it_knows_and_is_cut_off():
 def network(fault, skip=False):
     described = scenario(ticks=10, faults=[{"start_s": 0.0, "end_s": 0.1} | fault])
     graph = described.communication()
-    faults = schedule(described.faults, 10, 0.01, graph, Gains(), 0.0)
+    faults = schedule([described.faults] * 2, described.parts, 5, np.arange(2), 10, 0.01)
     return graph, Network(graph, faults, Blocks(5, np.arange(2), 2001, (len(graph.ways),), uniform=True), skip)
 
 

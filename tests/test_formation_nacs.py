@@ -18,7 +18,7 @@ from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
 from sim.controllers.drives import effectors
-from sim.faults.formation import schedule
+from sim.faults.timeline import schedule
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.results import rows
@@ -175,7 +175,7 @@ def test_the_law_s_torque_gives_the_wanted_acceleration_whatever_the_wheels_hold
 
 def drives(testbed=None, faults=(), ticks=10):
     described = scenario(ticks=ticks, faults=faults)
-    laid = schedule(described.faults, ticks, 0.01, described.communication(), described.loops["truth"].law.gains, 1e-4, 4)
+    laid = schedule([described.faults] * 2, described.parts, 5, np.arange(2), ticks, 0.01)
     own = FormationNacsParameters(testbed=testbed or NacsParameters.model_validate(QUIET))
     return effectors(own, compile_testbeds(own), laid, 5, np.arange(2), 0.01)
 
@@ -392,4 +392,4 @@ def test_a_run_is_told_drawn_and_recorded(tmp_path):
     write_recording(tmp_path / "recording.rrd", "formation/t", described, found, {"a": 1})
     assert (tmp_path / "report.png").stat().st_size > 50_000
     assert (tmp_path / "recording.rrd").stat().st_size > 100_000
-    assert found["truth"].occurrences[0].text == "wheel 4 of 2, 3 gives 30 %"
+    assert found["truth"].occurrences[0].text == "wheel 4 of 2, 3 at 30 %"

@@ -103,11 +103,11 @@ def test_a_fault_does_what_it_says_while_it_lasts(kind: str):
         case "periodic-torque":
             push[window] = 0.3 * np.stack([np.sin(2 * time), np.cos(2 * time), np.sin(4 * time)], axis=-1)[:, None]
         case "uniform-torque":
-            push[window] = system.faults.torque_B[window]
+            push[window] = [system.effectors.faults.push(k) for k in range(10, 30)]
             assert 0.3 < np.abs(push).max() <= 0.4
             assert np.ptp(push[window].mean(axis=0), axis=0).min() > 1e-3  # every trial's own
-            alone = build(single, np.array([2])).faults.torque_B
-            np.testing.assert_array_equal(alone[:, 0], push[:, 2])
+            alone = build(single, np.array([2])).effectors.faults
+            np.testing.assert_array_equal([alone.push(k)[0] for k in range(40)], push[:, 2])
     np.testing.assert_array_equal(given, expected)
     turned = quaternion.attitude_matrix(recording.channels["truth/state"][..., :4])
     impulse = TICK * np.cumsum(np.einsum("...ji,...j->...i", turned, given + push)[:-1], axis=0)

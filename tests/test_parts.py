@@ -8,7 +8,8 @@ from control.tracking import Estimate, Target
 from models.attitude.quaternion import error, from_rotation_vector, inverse, multiply, to_rotation_vector
 from sim import randomness
 from sim.draws import Draw, Number
-from sim.faults.timeline import schedule
+from sim.faults.effects import ACTIVE
+from sim.faults.timeline import Timeline
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
@@ -148,7 +149,7 @@ def readings(settings: SensorSettings, states: np.ndarray, seed: int = 1) -> np.
     ticks, trials = states.shape[:2]
     everyone = SensorArrays.of([settings] * trials)
     noise = draw_noise(everyone, seed, np.arange(trials), ticks, WHEELS, TICK)
-    sensors = Sensors(everyone, noise, schedule([()] * trials, seed, np.arange(trials), ticks, TICK, WHEELS), TICK)
+    sensors = Sensors(everyone, noise, Timeline(TICK), TICK)
     past, out = np.full_like(states, np.nan), np.empty_like(states)
     for k, state in enumerate(states):
         past[k] = state  # what is yet to come is not known
@@ -368,7 +369,7 @@ def test_a_planar_push_has_its_size_and_an_azimuth_of_its_own_in_every_trial():
         load("nacs/fault-free", QUIET | {"faults": [{"kind": "external-torque", "torque_nm": 5e-3, "start_s": 1.0, "duration_s": 1.0}]}),
         np.arange(50),
     )
-    push = system.faults.torque_B
+    push = np.stack([system.effectors.faults.push(k) for k in range(60)])
     np.testing.assert_allclose(np.linalg.norm(push[10:20], axis=-1), 5e-3, rtol=1e-12)
     np.testing.assert_array_equal(push[..., 2], 0.0)
     np.testing.assert_array_equal(push[20:], 0.0)
@@ -429,7 +430,7 @@ def test_feedback_on_readings_holds_the_last_one_and_before_the_first_takes_the_
     assert np.abs(command[20, 0] - command[20, 1]).max() > 1e-4
     recording, truth = fly({"kind": "drop-out", "sensor": "all"}, **{"control.feedback": "measurement"})
     assert np.isfinite(truth).all()
-    law = build(load("nacs/fault-free", QUIET), np.arange(1)).controller
+    law = build(load("nacs/fault-free", QUIET), np.arange(1)).law.controller
     held = truth[19]
     for k in range(20, 40):
         target = Target(*(recording.channels[f"reference/{part}"][k] for part in ("q", "omega", "alpha")))
@@ -447,10 +448,12 @@ def test_a_delay_shows_the_past():
 def test_a_drawn_fault_begins_at_its_own_instant_in_every_trial_whoever_else_flies():
     pushes = [{"kind": "external-torque", "torque_nm": {"uniform": [1e-3, 2e-3]}, "start_s": {"uniform": [1.0, 4.0]}, "duration_s": 1.0}]
     scenario = load("nacs/fault-free", QUIET | {"faults": pushes})
-    everyone, alone = build(scenario, np.arange(20)).faults, build(scenario, np.array([13])).faults
-    np.testing.assert_array_equal(alone.torque_B[:, 0], everyone.torque_B[:, 13])
+    everyone, alone = (build(scenario, trials).effectors.faults for trials in (np.arange(20), np.array([13])))
+    pushed, alone_pushed = (np.stack([laid.push(k) for k in range(60)]) for laid in (everyone, alone))
+    np.testing.assert_array_equal(alone_pushed[:, 0], pushed[:, 13])
     assert len({occurrence.start_tick for occurrence in everyone.occurrences}) > 5
-    np.testing.assert_array_equal(everyone.active.sum(axis=0), 10)
+    active_at = np.stack([everyone.at(ACTIVE, k) for k in range(60)])
+    np.testing.assert_array_equal(active_at.sum(axis=0), 10)
     for occurrence in everyone.occurrences:
-        active = np.flatnonzero(everyone.active[:, occurrence.trial])
+        active = np.flatnonzero(active_at[:, occurrence.trial])
         assert (active[0], active[-1] + 1) == (occurrence.start_tick, occurrence.end_tick)

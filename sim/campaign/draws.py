@@ -199,9 +199,9 @@ def _check_together(base: Any, key: str, distribution: Draw, where: str) -> None
         raise BadInput(f"{where}: {reason[:1].lower()}{reason[1:]}") from None
     duration = base.run.ticks * base.run.tick_s
     for number, fault in enumerate(part[2]):
-        low, high = fault.start_s.bounds()[0], fault.start_s.bounds()[1] + fault.duration_s.bounds()[1]
+        low, high = fault.earliest_start, fault.latest_start if fault.duration_s is None else fault.latest_end
         if root == "faults" and rest.startswith(f"{number}.") and rest.endswith("start_s"):
-            low, high = distribution.bounds()[0], distribution.bounds()[1] + fault.duration_s.bounds()[1]
+            low, high = distribution.bounds()[0], distribution.bounds()[1] + high - fault.latest_start
         if low < 0 or high > duration + 1e-9:
             raise BadInput(f"{where}: the fault can last from {low:g} to {high:g} s, the run from 0 to {duration:g} s")
 

@@ -13,7 +13,7 @@ from models.plants.assembly import Assembly
 from models.plants.register.entries import kind_of
 from models.plants.register.kind import AirTorque, DriveErrors
 from models.plants.register.parameters import SeveralParameters
-from sim.faults.formation import FormationFaults
+from sim.faults.timeline import Timeline
 from sim.formation_randomness import Blocks, FormationStream
 from sim.plant.formation import AgentsTruth
 from sim.randomness import Trials
@@ -46,7 +46,7 @@ class Effectors(Protocol):
         """What wheels hold at a tick; None without wheels. To be called once a tick."""
         ...
 
-    def give(self, tick: int, torque: Array, outside: Array) -> Given:
+    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:
         """Carry out a demanded torque, (trials, agents, 3) N m, beside one from `outside`, N m. To be called once a tick."""
         ...
 
@@ -58,7 +58,7 @@ class DirectTorques:
         """There are no wheels."""
         return
 
-    def give(self, tick: int, torque: Array, outside: Array) -> Given:  # noqa: ARG002
+    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:  # noqa: ARG002
         """The torque as it is."""
         return Given(np.zeros((len(torque), 0)), torque + outside)
 
@@ -71,7 +71,7 @@ class Drives:
     """
 
     def __init__(
-        self, assembly: Assembly, errors: DriveErrors, air: AirTorque, faults: FormationFaults, seed: int, trials: Trials, dt: float
+        self, assembly: Assembly, errors: DriveErrors, air: AirTorque, faults: Timeline, seed: int, trials: Trials, dt: float
     ) -> None:
         self._assembly, self._errors, self._air_torque, self._faults = assembly, errors, air, faults
         self._allocation = PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit)
@@ -94,11 +94,11 @@ class Drives:
     def _momentum(self, speed: Array) -> Array:
         return self._assembly.wheel_inertia * (self._assembly.wheel_axes @ speed[..., None])[..., 0]
 
-    def give(self, tick: int, torque: Array, outside: Array) -> Given:
+    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:
         """Torques of motors on wheels; the bodies feel their reaction."""
         shared, _ = self._allocation.step(torque, _UNUSED, self._allocation.start(()))
         told = self._step * np.round(shared / self._step) if self._step else shared
-        wheel = self._faults.wheels[tick] * (told + self._errors.torque_noise_nm * self._noise.tick())
+        wheel = self._faults.given(tick, told + self._errors.torque_noise_nm * self._noise.tick())
         return Given(wheel.reshape(len(wheel), -1), outside + self._blow())
 
     def _blow(self) -> Array:
@@ -108,7 +108,7 @@ class Drives:
         return self._air
 
 
-def effectors(plant: SeveralParameters, assembly: Assembly, faults: FormationFaults, seed: int, trials: Trials, dt: float) -> Effectors:
+def effectors(plant: SeveralParameters, assembly: Assembly, faults: Timeline, seed: int, trials: Trials, dt: float) -> Effectors:
     """Those of a plant: the drives of its wheels, or of themselves."""
     if not assembly.wheel_joints:
         return DirectTorques()

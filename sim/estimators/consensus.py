@@ -63,12 +63,12 @@ class Untaught:
         self._size = process.network.size
 
     def initial(self, reading: Array) -> Learned:
-        """What is known after the first reading of the motion, (trials, agents, 4): weights are zero."""
-        return Learned(reading, np.zeros((*reading.shape[:-1], self._size)), None)
+        """What is known after the first reading of the motion, (trials, agents, 4): weights are zero, and what is not read."""
+        return Learned(np.where(np.isnan(reading), 0.0, reading), np.zeros((*reading.shape[:-1], self._size)), None)
 
     def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:  # noqa: ARG002
-        """What is known `dt` seconds later, after a reading: the reading."""
-        return belief._replace(motion=reading)
+        """What is known `dt` seconds later, after a reading: the reading, or what was known where nothing is read."""
+        return belief._replace(motion=np.where(np.isnan(reading), belief.motion, reading))
 
     def summary(self, belief: Learned) -> Belief:
         """Moments of the motion, (1, trials, agents, ...); without a filter there is no covariance."""
@@ -111,7 +111,7 @@ class ByAdaptiveLaw(Untaught):
     def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
         """The reading, and weights moved by the surface at the one before."""
         weights = self._law.step(belief.weights, known.surface, self._network.basis(belief.motion), dt)
-        return Learned(reading, weights, None)
+        return Learned(np.where(np.isnan(reading), belief.motion, reading), weights, None)
 
 
 class ByFilter(Untaught):

@@ -129,8 +129,9 @@ class AgentsFilter:
 
 
 def _lost(state: Array, reading: Array) -> Flags:
-    """Whether states (..., 6) are beyond what can be; (...)."""
-    near = (np.abs(state[..., :3] - reading) < LOST).all(axis=-1)
+    """Whether states (..., 6) are beyond what can be; (...). Where nothing is read, rates alone tell."""
+    attitude = np.where(np.isnan(reading), 0.0, state[..., :3] - reading)
+    near = (np.abs(attitude) < LOST).all(axis=-1)
     return np.logical_not(near & (np.abs(state[..., 3:]) < LOST_RATE).all(axis=-1))
 
 

@@ -1,38 +1,21 @@
-"""Faults laid out over the ticks of every trial: what each does to wheels, body and sensors, and when it happened."""
+"""Faults laid out over a run: what they do at every tick, to whatever part of the loop asks, and when each happened."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.faults.kinds import (
-    Bias,
-    BodyTorque,
-    ConstantOutput,
-    Delay,
-    DropOut,
-    Effectiveness,
-    ExternalTorque,
-    Fault,
-    Float,
-    InertiaChange,
-    Lock,
-    NoCommand,
-    NoiseChange,
-    PeriodicTorque,
-    UniformTorque,
-    WholeProperties,
-)
+from sim.faults.effects import ACTIVE, COMMAND_GAIN, COMMAND_OFFSET, DRIVE_GAIN, DRIVE_OFFSET, PUSH, Effect, Track
+from sim.faults.events import Event
+from sim.faults.parts import Parts
+from sim.faults.placement import Change, Placement, compose
 from sim.randomness import Stream, Trials, generator
 
 Array = NDArray[np.floating]
-Flags = NDArray[np.bool_]
-
-SENSORS = ("attitude", "gyro", "wheels")
 
 
 class Occurrence(NamedTuple):
@@ -46,136 +29,116 @@ class Occurrence(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FaultSchedule:
-    """All faults of a run, tick by tick; first axes (ticks, trials). None where no fault of the kind occurs."""
+class Timeline:
+    """All faults of a run. What none of them touches has no track.
 
-    active: Flags
-    wheel_gain: Array | None  # (..., wheels) share of the commanded torque that is given; of a body without wheels: (..., 3)
-    wheel_offset: Array | None  # the same shape, N m added after that
-    torque_B: Array | None  # (..., 3) N m
-    noise_factor: Array | None  # (..., 3) of attitude, gyro, wheels
-    sensor_bias: Array | None  # (..., 6 + wheels) rad, rad/s, rad/s
-    missing: Flags | None  # (..., 3) of attitude, gyro, wheels
-    delay_s: Array | None  # (...)
-    locked: Flags | None  # (..., wheels) the bearing is seized
-    mass: NDArray[np.int64] | None  # (...) which of `masses` the whole has; -1: its own
-    masses: tuple[WholeProperties, ...]
-    occurrences: tuple[Occurrence, ...]
+    Attributes:
+      dt: of a tick, s.
+      tracks: by effect.
+      occurrences: of every trial, in the order of the file.
+    """
 
-    def act(self, tick: int, command: Array) -> Array:
-        """Torque that is given instead of `command`, (trials, wheels) N m, or (trials, 3) on a body without wheels."""
-        if self.wheel_gain is not None:
-            command = command * self.wheel_gain[tick]
-        return command if self.wheel_offset is None else command + self.wheel_offset[tick]
+    dt: float
+    tracks: dict[Effect, Track] = field(default_factory=dict)
+    occurrences: tuple[Occurrence, ...] = ()
 
+    def at(self, effect: Effect, tick: int) -> NDArray[Any] | None:
+        """An effect at a tick, (trials or 1, [agents,] ...); None: no fault of the run touches it."""
+        track = self.tracks.get(effect)
+        return None if track is None else track.at(tick)
 
-def schedule(faults: Sequence[tuple[Fault, ...]], seed: int, trials: Trials, ticks: int, dt: float, wheels: int) -> FaultSchedule:
-    """Lay out the faults of each trial over its ticks; trial i is the same in any company."""
-    shape, drives = (ticks, len(trials)), wheels or 3
-    active = np.zeros(shape, dtype=bool)
-    fields: dict[str, Array] = {}
-    masses: list[WholeProperties] = []
-    occurrences: list[Occurrence] = []
+    def changes_at(self, tick: int, *effects: Effect) -> bool:
+        """Whether one of the effects may be another than at the tick before."""
+        return any(effect in self.tracks and self.tracks[effect].starts_at(tick) for effect in effects)
 
-    def field(name: str, size: tuple[int, ...], neutral: float) -> Array:
-        return fields.setdefault(name, np.full((*shape, *size), neutral))
+    def commanded(self, tick: int, command: Array) -> Array:
+        """What is carried out instead of a law's command, (trials, [agents,] axes)."""
+        return self._instead(tick, command, COMMAND_GAIN, COMMAND_OFFSET)
 
-    for i, trial in enumerate(trials):
-        for number, fault in enumerate(faults[i]):
-            random = generator(seed, int(trial), Stream.FAULT + number)
-            start = round(fault.start_s.sample(random) / dt)
-            end = min(ticks, start + max(1, round(fault.duration_s.sample(random) / dt)))
-            when = (slice(start, end), i)
-            active[when] = True
-            which = _wheels(fault, wheels)
-            text = ""
-            match fault:
-                case Float():
-                    field("wheel_gain", (wheels,), 1.0)[when][:, which] = 0.0
-                    field("wheel_offset", (wheels,), 0.0)[when][:, which] = 0.0
-                    text = f"wheel {fault.wheel} floats"
-                case Effectiveness():
-                    share = fault.remaining.sample(random)
-                    field("wheel_gain", (wheels,), 1.0)[when][:, which] *= share
-                    text = f"wheel {fault.wheel} at {100 * share:.0f} %"
-                case ConstantOutput():
-                    torque = fault.torque_nm.sample(random)
-                    field("wheel_gain", (wheels,), 1.0)[when][:, which] = 0.0
-                    field("wheel_offset", (wheels,), 0.0)[when][:, which] = torque
-                    text = f"wheel {fault.wheel} gives {1e3 * torque:.2f} mN m"
-                case Lock():
-                    field("locked", (wheels,), 0.0)[when][:, which] = 1.0
-                    text = f"wheel {fault.wheel} locks"
-                case NoCommand():
-                    field("wheel_gain", (drives,), 1.0)[when] = 0.0
-                    text = "no command"
-                case BodyTorque():
-                    torque, about = fault.torque_nm.sample(random), "xyz".index(fault.axis)
-                    field("wheel_gain", (drives,), 1.0)[when][:, about] = 0.0
-                    field("wheel_offset", (drives,), 0.0)[when][:, about] = torque
-                    text = f"{1e3 * torque:.1f} mN m about {fault.axis} whatever the command"
-                case PeriodicTorque():
-                    size, angle = fault.amplitude_nm.sample(random), fault.pulsation_rad_s * dt * np.arange(start, end)
-                    field("torque_B", (3,), 0.0)[when] += size * np.stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle)], axis=-1)
-                    text = f"periodic torque of {1e3 * size:.0f} mN m"
-                case UniformTorque():
-                    size = fault.amplitude_nm.sample(random)
-                    field("torque_B", (3,), 0.0)[when] += random.uniform(-size, size, (end - start, 3))
-                    text = f"random torque of {1e3 * size:.0f} mN m"
-                case ExternalTorque():
-                    torque = fault.torque_nm.sample(random)
-                    axis = _axis(fault.direction, random)
-                    field("torque_B", (3,), 0.0)[when] += torque * axis
-                    text = f"push of {1e3 * torque:.1f} mN m about [{axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}]"
-                case InertiaChange():
-                    field("mass", (), -1.0)[when] = len(masses)
-                    masses.append(fault.properties)
-                    text = f"inertia {list(fault.inertia_kg_m2)} kg m2"
-                case NoiseChange():
-                    factor = fault.factor.sample(random)
-                    field("noise_factor", (3,), 1.0)[when][:, _sensors(fault.sensor)] *= factor
-                    text = f"{fault.sensor} noise x {factor:.3g}"
-                case Bias():
-                    size = fault.size.sample(random)
-                    axes = np.repeat(_sensors(fault.sensor), [3, 3, wheels])
-                    field("sensor_bias", (6 + wheels,), 0.0)[when][:, axes] += size
-                    text = f"{fault.sensor} bias {size:.3g}"
-                case DropOut():
-                    field("missing", (3,), 0.0)[when][:, _sensors(fault.sensor)] = 1.0
-                    text = f"{fault.sensor} silent"
-                case Delay():
-                    delay = fault.delay_s.sample(random)
-                    field("delay_s", (), 0.0)[when] += delay
-                    text = f"readings {delay:.3g} s late"
-            occurrences.append(Occurrence(i, start, end, fault.kind, text))
-    missing, locked, mass = fields.get("missing"), fields.get("locked"), fields.get("mass")
-    return FaultSchedule(
-        active=active,
-        wheel_gain=fields.get("wheel_gain"),
-        wheel_offset=fields.get("wheel_offset"),
-        torque_B=fields.get("torque_B"),
-        noise_factor=fields.get("noise_factor"),
-        sensor_bias=fields.get("sensor_bias"),
-        missing=None if missing is None else missing > 0,
-        delay_s=fields.get("delay_s"),
-        locked=None if locked is None else locked > 0,
-        mass=None if mass is None else mass.astype(np.int64),
-        masses=tuple(masses),
-        occurrences=tuple(occurrences),
-    )
+    def given(self, tick: int, command: Array) -> Array:
+        """What drives give instead of the torque that they are told, (trials, [agents,] wheels) N m."""
+        return self._instead(tick, command, DRIVE_GAIN, DRIVE_OFFSET)
+
+    def _instead(self, tick: int, command: Array, gain: Effect, offset: Effect) -> Array:
+        share, more = self.at(gain, tick), self.at(offset, tick)
+        if share is not None:
+            command = command * share
+        return command if more is None else command + more
+
+    def push(self, tick: int) -> Array | None:
+        """Torque or force from outside, (trials or 1, [agents,] axes) N m or N; None: there never is any."""
+        total = self.at(PUSH, tick)
+        for effect, track in self.tracks.items():
+            if effect.pulsation_rad_s is not None:
+                angle = effect.pulsation_rad_s * self.dt * tick
+                one = track.at(tick) * np.array([np.sin(angle), np.cos(angle), np.sin(2.0 * angle)])
+                total = one if total is None else total + one
+        return total
 
 
-def _wheels(fault: Fault, wheels: int) -> NDArray[np.int64]:
-    wheel = getattr(fault, "wheel", None)
-    return np.arange(wheels) if wheel is None or wheel == "all" else np.array([wheel - 1])
+def schedule(faults: Sequence[tuple[Event, ...]], parts: Parts, seed: int, trials: Trials, ticks: int, dt: float) -> Timeline:
+    """Lay out the faults of each trial over its ticks; trial i is the same whatever the batch.
+
+    Args:
+      faults: of every trial.
+      parts: what there is to fail.
+      seed: of the run.
+      trials: their numbers, (trials,).
+      ticks: of the run.
+      dt: of a tick, s.
+    """
+    changes: dict[Effect, list[Change]] = {}
+    occurrences: list[tuple[int, int, Occurrence]] = []
+    one_file = all(own is faults[0] for own in faults)
+    for number in range(max(map(len, faults), default=0)):
+        placed: list[tuple[int | None, Event]] = [(i, own[number]) for i, own in enumerate(faults) if number < len(own)]
+        if one_file and not placed[0][1].drawn:
+            placed = [(None, placed[0][1])]
+        for i, fault in placed:
+            random = generator(seed, int(trials[i or 0]), Stream.FAULT + number)
+            on = _placed(fault, parts, i, ticks, dt, random, changes)
+            on.put(ACTIVE, 1.0) if on.weight is None else _whole(on).put(ACTIVE, 1.0)
+            text = fault.lay(on)
+            where = range(len(trials)) if i is None else (i,)
+            occurrences += [(at, number, Occurrence(at, on.start, on.end, fault.kind, text)) for at in where]
+    tracks = {effect: compose(effect, changes[effect], parts, len(trials)) for effect in changes}
+    return Timeline(dt, tracks, _until_the_next(sorted(occurrences, key=lambda o: o[:2]), faults))
 
 
-def _sensors(sensor: str) -> Flags:
-    return np.array([sensor in ("all", name) for name in SENSORS])
+def _placed(
+    fault: Event, parts: Parts, trial: int | None, ticks: int, dt: float, random: np.random.Generator, changes: dict[Effect, list[Change]]
+) -> Placement:
+    """When a fault happens in a trial, and how it grows."""
+    start = round(fault.start_s.sample(random) / dt)
+    if fault.end_s is not None:
+        last = max(start + 1, round(fault.end_s.sample(random) / dt))
+    elif fault.duration_s is not None:
+        last = start + max(1, round(fault.duration_s.sample(random) / dt))
+    else:
+        last = ticks
+    end, weight = max(start, min(ticks, last)), None
+    since = np.arange(end - start)
+    if fault.shape == "ramp":
+        grown = (last - start) if fault.ramp_s is None else fault.ramp_s.sample(random) / dt
+        weight = np.minimum(1.0, since / grown)
+    elif fault.period_s is not None:
+        period, duty = fault.period_s.sample(random) / dt, 0.5 if fault.duty is None else fault.duty.sample(random)
+        weight = ((since / period + 1e-9) % 1.0 < duty).astype(float)
+    return Placement(parts, trial, start, end, weight, random, changes)
 
 
-def _axis(direction: str | tuple[float, float, float], random: np.random.Generator) -> Array:
-    if isinstance(direction, str):
-        azimuth = 2.0 * np.pi * random.random()
-        return np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    return np.array(direction) / np.linalg.norm(direction)
+def _whole(on: Placement) -> Placement:
+    """The same while it lasts, however much of it there is."""
+    return Placement(on.parts, on.trial, on.start, on.end, None, on.random, on.changes)
+
+
+def _until_the_next(ordered: list[tuple[int, int, Occurrence]], faults: Sequence[tuple[Event, ...]]) -> tuple[Occurrence, ...]:
+    """Faults without an end last until the next of their kind."""
+    told: list[Occurrence] = []
+    for trial, number, one in reversed(ordered):
+        fault, end = faults[trial][number], one.end_tick
+        if fault.end_s is None and fault.duration_s is None:
+            later = (o.start_tick for o in told[-len(faults[trial]) :] if (o.trial, o.kind) == (trial, one.kind))
+            end = min([end, *(start for start in later if start > one.start_tick)])
+        told.append(one._replace(end_tick=end))
+    return tuple(reversed(told))

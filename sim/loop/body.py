@@ -56,7 +56,7 @@ def build_body(
     wheels = len(assembly.wheel_joints)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
     sensors = SensorArrays.of(variants.sensors)
-    faults = schedule(variants.faults, run.seed, trials, run.ticks, run.tick_s, wheels)
+    faults = schedule(variants.faults, scenario.parts, run.seed, trials, run.ticks, run.tick_s)
     observer = scenario.observers.get(law.feedback)
     modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
     estimators = body_estimators(scenario, trials, user_code)

@@ -10,10 +10,12 @@ import numpy as np
 from control.allocation import Allocation
 from control.tracking import Estimate
 from models.dynamics.unmodelled_torque import UnmodelledTorque
-from sim.faults.timeline import FaultSchedule
+from sim.faults.effects import ACTIVE, CENTRE_OF_MASS, INERTIA, LOCKED, OWN_MASS
+from sim.faults.timeline import Timeline
 from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.batch import Plant, Truth
 
+MASSES = (OWN_MASS, INERTIA, CENTRE_OF_MASS)
 LOCKING = 40.0  # friction of a seized bearing over the drive's limit
 
 
@@ -65,7 +67,7 @@ class BodyEffectors:
 
     allocation: Allocation
     command_step_nm: float
-    faults: FaultSchedule
+    faults: Timeline
     drive_noise: Array
     disturbance_B: Array
     wheels: int
@@ -84,8 +86,9 @@ class BodyEffectors:
         """
         demand, shared = self.allocation.step(decision.effort, estimate, before.memory)
         command = _quantize(demand, self.command_step_nm)
-        applied = self.faults.act(tick, command + self.drive_noise[tick])
-        push = self.disturbance_B[tick] if self.faults.torque_B is None else self.disturbance_B[tick] + self.faults.torque_B[tick]
+        told, outside = command + self.drive_noise[tick], self.faults.push(tick)
+        applied = self.faults.given(tick, told) if self.wheels else self.faults.commanded(tick, told)
+        push = self.disturbance_B[tick] if outside is None else self.disturbance_B[tick] + outside
         wheel, push = (applied, push) if self.wheels else (applied[:, :0], push + applied)
         known = np.concatenate([command, held[..., 7:]], axis=-1)
         return Given(wheel, push, known, shared, {"command": command, "applied": applied})
@@ -99,12 +102,12 @@ def _quantize(command: Array, step: float) -> Array:
 class BodyChannels:
     """What is recorded of a tick of one body."""
 
-    faults: FaultSchedule
+    faults: Timeline
     unmodelled: UnmodelledTorque | None = None
 
     def __call__(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
         """By name, (trials, ...)."""
-        truth, given = now.truth, now.given.notes
+        truth, given, active = now.truth, now.given.notes, self.faults.at(ACTIVE, tick)
         return {
             "truth/qpos": truth.qpos,
             "truth/qvel": truth.qvel,
@@ -112,7 +115,7 @@ class BodyChannels:
             "torque_B": now.decision.effort,
             "command": given["command"],
             "applied": given["applied"],
-            "fault": self.faults.active[tick],
+            "fault": np.broadcast_to(False if active is None else active, len(truth.qpos)),
             **({} if self.unmodelled is None else {"truth/unmodelled": self.unmodelled.at(truth.state)}),
             **{f"control/{name}": note for name, note in now.decision.notes.items()},
         }
@@ -123,20 +126,38 @@ class BodyChange:
     """Carries out the faults that change the plant itself, at the ticks at which something changes."""
 
     plant: Plant
-    faults: FaultSchedule
+    faults: Timeline
 
     def __call__(self, tick: int) -> None:
         """What changes at a tick."""
         plant, faults = self.plant, self.faults
-        if faults.locked is not None:
-            now, before = faults.locked[tick], faults.locked[tick - 1] if tick else np.zeros_like(faults.locked[0])
-            for wheel in np.flatnonzero((now != before).any(axis=0)):
-                changed = (now != before)[:, wheel]
-                friction = np.where(now[:, wheel], LOCKING * plant.assembly.wheel_torque_limit, plant.wheel_coulomb[:, wheel])
-                plant.set_wheel_friction(changed, int(wheel), friction[changed])
-        if faults.mass is not None:
-            which, was = faults.mass[tick], faults.mass[tick - 1] if tick else np.full_like(faults.mass[0], -1)
-            back = (which != was) & (which < 0)
-            plant.set_mass_properties(back, plant.inertia[back], plant.centre_of_mass[back])
-            for index in np.unique(which[(which != was) & (which >= 0)]):
-                plant.set_mass_properties((which != was) & (which == index), *faults.masses[index])
+        lock_wheels(plant, faults, tick)
+        if faults.changes_at(tick, *MASSES):
+            own = plant.inertia, plant.centre_of_mass
+            (inertia, centre), (before, centre_before) = masses(faults, tick, *own), masses(faults, tick - 1, *own)
+            changed = (inertia != before).any(axis=(-2, -1)) | (centre != centre_before).any(axis=-1)
+            plant.set_mass_properties(changed, inertia[changed], centre[changed])
+
+
+def lock_wheels(plant: Plant, faults: Timeline, tick: int) -> None:
+    """Let the dry friction of wheels' bearings be what it is from a tick on, where it changes."""
+    now = faults.at(LOCKED, tick)
+    if now is None or not faults.changes_at(tick, LOCKED):
+        return
+    before = faults.at(LOCKED, tick - 1) if tick else None
+    now = np.broadcast_to(now, (plant.trials, *now.shape[1:])).reshape(plant.trials, -1)
+    before = np.zeros_like(now) if before is None else np.broadcast_to(before.reshape(len(before), -1), now.shape)
+    for wheel in np.flatnonzero((now != before).any(axis=0)):
+        changed, seized = (now != before)[:, wheel], now[:, wheel]
+        friction = (1.0 - seized) * plant.wheel_coulomb[:, wheel] + seized * LOCKING * plant.assembly.wheel_torque_limit
+        plant.set_wheel_friction(changed, int(wheel), friction[changed])
+
+
+def masses(faults: Timeline, tick: int, inertia: Array, centre_of_mass: Array) -> tuple[Array, Array]:
+    """Inertias (trials, [agents,] 3, 3) kg m2 and centres of mass (..., 3) m at a tick, of what they are without faults."""
+    if tick < 0:
+        return inertia, centre_of_mass
+    own, added, moved = (faults.at(effect, tick) for effect in MASSES)
+    if own is not None:
+        inertia, centre_of_mass = own[..., None] * inertia, own * centre_of_mass
+    return inertia if added is None else inertia + added, centre_of_mass if moved is None else centre_of_mass + moved

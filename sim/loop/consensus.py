@@ -11,17 +11,19 @@ from control.terminal_sliding_mode import Sliding, TerminalSlidingMode, lumped
 from estimation.state_space import Euclidean
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
-from models.plants.agents import AGENTS, compile_agents, disturbance
+from models.plants.agents import AGENTS, AgentsParameters, compile_agents
 from sim.estimators.consensus import Acted, Learned, learner
 from sim.estimators.learner_settings import Adaptive, Exact
+from sim.faults.effects import DISTURBANCE, DYNAMICS, SLIDING
+from sim.faults.timeline import Timeline, schedule
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
-from sim.network.messages import Heard, LinkFaults, Network
+from sim.network.messages import Heard, Network
 from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import Trials
-from sim.scenario.consensus import CommandFault, ConsensusScenario, DisturbanceFault, DynamicsFault
-from sim.sensors.planar import PlanarSensors
+from sim.scenario.consensus import ConsensusScenario
+from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import PlanarUserLaw
 from sim.user_code.surroundings import surroundings
 from sim.user_code.user_code import UserCode
@@ -38,6 +40,29 @@ class FlownOff:
         return lost | (np.abs(truth.state) > LIMIT).any(axis=(-2, -1))
 
 
+@dataclass(frozen=True, eq=False)
+class UnknownForce:
+    """What agents do not know, f + d.
+
+    Attributes:
+      plant: whose f it is.
+      disturbance: amplitude N, rate rad/s and number of each agent, (agents, 3), while no fault changes it (eq. 5.31).
+      faults: that change either.
+    """
+
+    plant: AgentsParameters
+    disturbance: Array
+    faults: Timeline
+
+    def at(self, tick: int, motion: Array, time: float) -> Array:
+        """At an instant of a tick, s, of [x, v] (..., agents, 4), to (..., agents, 2) N."""
+        gain, changed = self.faults.at(DYNAMICS, tick), self.faults.at(DISTURBANCE, tick)
+        now = self.disturbance if changed is None else changed
+        angle = now[..., 1] * time * now[..., 2]
+        pushed = now[..., :1] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+        return self.plant.unknown_force(motion, np.ones(2) if gain is None else gain) + pushed
+
+
 class ConsensusEstimate(NamedTuple):
     """What each agent believes of itself."""
 
@@ -51,19 +76,19 @@ class ConsensusFeedback:
     """Tells the agents' law their motion and what they have learned.
 
     Attributes:
-      scenario: whose forces act.
+      unknown: what acts.
       exact: the law knows f + d.
       dt: control period, s.
     """
 
-    scenario: ConsensusScenario
+    unknown: UnknownForce
     exact: bool
     dt: float
 
     def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: PlanarTruth, reading: Array, held: Array) -> ConsensusEstimate:
         """What each agent acts on."""
         learned: Learned = beliefs[0]
-        unknown = unknown_force(self.scenario, truth.state, tick * self.dt)
+        unknown = self.unknown.at(tick, truth.state, tick * self.dt)
         known = unknown if self.exact else NETWORK.output(learned.weights, learned.motion)
         return ConsensusEstimate(learned, unknown, known)
 
@@ -108,13 +133,13 @@ class ConsensusEffectors:
     """Commands that are replaced by faults, and forces that nobody knows.
 
     Attributes:
-      scenario: whose faults and forces they are.
-      dt: control period, s.
+      unknown: force that acts besides.
+      faults: of commands, and forces from outside.
       trials: how many.
     """
 
-    scenario: ConsensusScenario
-    dt: float
+    unknown: UnknownForce
+    faults: Timeline
     trials: int
 
     def rest(self) -> Given:
@@ -125,16 +150,18 @@ class ConsensusEffectors:
     def give(self, tick: int, decision: Decision, estimate: ConsensusEstimate, held: Array, before: Given, lost: Flags) -> Given:
         """The force of every agent until the next tick; in a trial that is lost none acts any more."""
         sliding: Sliding = decision.notes["sliding"]
-        force, now = decision.effort, tick * self.dt
-        for fault in self.scenario.faults:
-            if isinstance(fault, CommandFault) and fault.start_s - 1e-9 <= now < fault.end_s - 1e-9:
-                force = -estimate.known - sliding.robust + fault.constant_n
-        moving = ~lost[:, None, None]
+        force, constant = decision.effort, self.faults.at(SLIDING, tick)
+        if constant is not None:
+            without = -estimate.known - sliding.robust + constant[..., 1:]
+            force = np.where(constant[..., :1] > 0.0, without, force)
+        moving, outside = ~lost[:, None, None], self.faults.push(tick)
+        applied = self.faults.commanded(tick, force)
+        acting = applied if outside is None else applied + outside
 
         def push(motion: Array, instant: float) -> Array:
-            return np.where(moving, unknown_force(self.scenario, motion, instant) + force, 0.0)
+            return np.where(moving, self.unknown.at(tick, motion, instant) + acting, 0.0)
 
-        return Given(np.zeros((1, 0)), push, Acted(force, sliding.surface), None, {"force": force})
+        return Given(np.zeros((1, 0)), push, Acted(force, sliding.surface), None, {"force": applied})
 
 
 def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
@@ -162,21 +189,24 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
     user_law = user_code.control(surroundings(scenario))
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
+    faults = schedule([scenario.faults] * len(trials), scenario.parts, run.seed, trials, run.ticks * inner, dt)
+    unknown = UnknownForce(scenario.plant, scenario.parts.disturbance, faults)
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
         plant=plant,
-        sensors=PlanarSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4))),
+        sensors=AgentsSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4)), np.array([2, 2]), faults),
         estimators=consensus_estimators(scenario, name, trials, user_code),
-        feedback=ConsensusFeedback(scenario, isinstance(settings, Exact), dt),
-        network=Network(graph, LinkFaults.none(run.ticks * inner, graph), losses, skip=False),
+        feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt),
+        network=Network(graph, faults, losses, skip=False),
         law=ConsensusLaw(scenario.control.build(), scenario, dt, PlanarUserLaw(user_law) if user_law else None),
-        effectors=ConsensusEffectors(scenario, dt, len(trials)),
+        effectors=ConsensusEffectors(unknown, faults, len(trials)),
         change=lambda tick: None,
         trials=trials,
         ticks=run.ticks * inner,
         dt=dt,
         channels=_channels,
         references={"leader": leader, "leader_rate": leader_rate},
+        occurrences=tuple(o._replace(start_tick=o.start_tick // inner, end_tick=-(-o.end_tick // inner)) for o in faults.occurrences),
         every=inner,
         errors=Euclidean(),
         loss=FlownOff(),
@@ -188,19 +218,6 @@ def leader_motion(scenario: ConsensusScenario, time: Array) -> tuple[Array, Arra
     radius, rate = scenario.leader.radius_m, scenario.leader.rate_rad_s
     cosine, sine = np.cos(rate * time), np.sin(rate * time)
     return radius * np.stack([cosine, sine], axis=-1), radius * rate * np.stack([-sine, cosine], axis=-1)
-
-
-def unknown_force(scenario: ConsensusScenario, motion: Array, time: float) -> Array:
-    """What an agent does not know, f + d, at an instant; [x, v] (..., agents, 4) to (..., agents, 2) N."""
-    gain, (amplitude, rate), numbered = np.ones(2), scenario.disturbance, True
-    for fault in scenario.faults:
-        if time >= fault.start_s - 1e-9:
-            if isinstance(fault, DynamicsFault):
-                gain = np.array(fault.gain)
-            elif isinstance(fault, DisturbanceFault):
-                amplitude, rate, numbered = fault.amplitude_n, fault.rate_rad_s, fault.by_agent
-    pushed = disturbance(time, amplitude, rate) if numbered else amplitude * np.array([np.sin(rate * time), np.cos(rate * time)])
-    return scenario.plant.unknown_force(motion, gain) + pushed
 
 
 def consensus_estimators(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:

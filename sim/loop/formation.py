@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from control.formation_law import FormationLaw
+from control.formation_law import FormationLaw, Gains
 from estimation.leader_acceleration import LeaderAccelerationFilter
 from estimation.state_space import Euclidean
 from models.attitude import modified_rodrigues, quaternion
@@ -16,16 +16,17 @@ from models.plants.register.entries import kind_of
 from sim.controllers.drives import Effectors as FormationDrives
 from sim.controllers.drives import Stored, effectors
 from sim.estimators.formation import agents_filter
-from sim.faults.formation import FormationFaults, schedule
-from sim.faults.timeline import Occurrence
+from sim.faults.effects import GAINS
+from sim.faults.timeline import Timeline, schedule
 from sim.formation_randomness import Blocks, FormationStream
+from sim.loop.body_parts import MASSES, lock_wheels, masses
 from sim.loop.closed_loop import System
-from sim.network.messages import Heard, LinkFaults, Network
+from sim.network.messages import Heard, Network
 from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
 from sim.plant.formation import AgentsTruth, FormationPlant
 from sim.randomness import Trials
 from sim.scenario.formation import FormationScenario
-from sim.sensors.rodrigues import RodriguesSensors
+from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import FormationUserLaw
 from sim.user_code.surroundings import surroundings
 from sim.user_code.user_code import UserCode
@@ -65,7 +66,7 @@ class FormationFeedback:
         return FormationEstimate(
             state=state,
             own=_shorter(believed) if self.shadow else believed,
-            innovation=0.0 if true else reading - believed[..., :3],
+            innovation=0.0 if true else np.where(np.isnan(reading), 0.0, reading - believed[..., :3]),
             stored=None if stored is None else stored.true if true else stored.read,
             read=None if stored is None else stored.read,
         )
@@ -85,13 +86,15 @@ class NetworkedLaw:
       law: of all agents.
       follow: the filter.
       faults: that change gains.
+      gains: of the law while none does.
       leader: [sigma, rate, second derivative], (ticks, 9).
       dt: s.
     """
 
     law: FormationLaw | FormationUserLaw
     follow: LeaderAccelerationFilter
-    faults: FormationFaults
+    faults: Timeline
+    gains: Gains
     leader: Array
     dt: float
 
@@ -106,9 +109,14 @@ class NetworkedLaw:
 
     def decide(self, tick: int, estimate: FormationEstimate, messages: Heard, memory: Array) -> Decision:
         """Torque on each body, (trials, agents, 3) N m in B."""
-        heard, listening, gains = messages.messages, messages.listening, self.faults.gains_at(tick)
+        heard, listening, gains = messages.messages, messages.listening, self._gains(tick)
         torque = self.law.step(estimate.own, heard[..., :6], listening, memory, estimate.innovation, gains, estimate.stored)
         return Decision(torque, self.follow.step(memory, heard[..., 6:], listening, self.dt), {})
+
+    def _gains(self, tick: int) -> Gains:
+        """Of every agent's law."""
+        now = self.faults.at(GAINS, tick)
+        return self.gains if now is None else Gains(now[..., :1], now[..., 1:2], now[..., 2:3], now[..., 3:], self.gains.lambda_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +126,12 @@ class FormationEffectors:
     Attributes:
       drives: of all agents.
       faults: of commands, and torques from outside.
-      dt: s.
       shape: (trials, agents).
       wheels: of each agent.
     """
 
     drives: FormationDrives
-    faults: FormationFaults
-    dt: float
+    faults: Timeline
     shape: tuple[int, int]
     wheels: int
 
@@ -138,8 +144,8 @@ class FormationEffectors:
     def give(self, tick: int, decision: Decision, estimate: FormationEstimate, held: Array, before: Given, lost: Flags) -> Given:
         """Carry out the torques; filters know those of the laws, and the momentum that was read in wheels."""
         torque = decision.effort
-        applied = np.where(np.isnan(self.faults.command[tick]), torque, self.faults.command[tick])
-        given = self.drives.give(tick, applied, push(self.faults.disturbance[tick], tick * self.dt))
+        applied, outside = self.faults.commanded(tick, torque), self.faults.push(tick)
+        given = self.drives.give(tick, applied, 0.0 if outside is None else outside)
         known = torque if estimate.read is None else np.concatenate([torque, estimate.read], axis=-1)
         return Given(given.wheel, given.body, known, None, {"applied": applied})
 
@@ -214,26 +220,28 @@ class FormationChange:
 
     Attributes:
       plant: of all trials.
-      faults: that add inertia.
-      inertia: of the agents without faults, (agents, 3, 3) kg m2.
+      faults: that lock wheels or change inertia.
     """
 
     plant: FormationPlant
-    faults: FormationFaults
-    inertia: Array
+    faults: Timeline
 
     def __call__(self, tick: int) -> None:
         """What changes at a tick."""
-        added = self.faults.inertia
-        if np.any(added[tick] != (added[tick - 1] if tick else 0.0)):
-            self.plant.set_inertias(self.inertia + np.diag(added[tick]))
+        lock_wheels(self.plant, self.faults, tick)
+        if self.faults.changes_at(tick, *MASSES):
+            own = self.plant.assembly
+            now, before = (masses(self.faults, k, own.inertia, own.centre_of_mass) for k in (tick, tick - 1))
+            if any(np.any(part != part_before) for part, part_before in zip(now, before, strict=True)):
+                self.plant.set_masses(*now)
 
 
 def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, trials: Trials, user_code: UserCode) -> System:
     """All parts of one loop of a scenario, for the given trial numbers."""
     loop, run, parameters, graph = scenario.loops[name], scenario.run, scenario.plant, scenario.communication()
     ticks, dt, agents = run.ticks, run.tick_s, parameters.agents
-    faults = schedule(scenario.faults, ticks, dt, graph, loop.law.gains, scenario.reading_deviation, scenario.wheels)
+    parts = replace(scenario.parts, gains=loop.law.gains[:4])
+    faults = schedule([scenario.faults] * len(trials), parts, run.seed, trials, ticks, dt)
     leader = scenario.leader.motion(dt * np.arange(ticks))
     plant = FormationPlant(assembly, len(trials))
     for actuator, setpoint in kind_of(parameters).holds(parameters).items():
@@ -248,26 +256,29 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
     return System(
         plant=plant,
-        sensors=RodriguesSensors(faults, Blocks(run.seed, trials, FormationStream.READING, (agents, 3))),
+        sensors=AgentsSensors(
+            scenario.reading_deviation, Blocks(run.seed, trials, FormationStream.READING, (agents, 3)), np.array([3]), faults
+        ),
         estimators=estimators,
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),
-        network=Network(graph, LinkFaults(faults.loss, faults.delay, faults.cut), losses, scenario.graph.when_lost == "skip"),
+        network=Network(graph, faults, losses, scenario.graph.when_lost == "skip"),
         law=NetworkedLaw(
             FormationUserLaw(user_law) if user_law else law,
             LeaderAccelerationFilter(loop.law.acceleration_gain, float(loop.law.acceleration_sign)),
             faults,
+            loop.law.gains,
             leader,
             dt,
         ),
-        effectors=FormationEffectors(drives, faults, dt, (len(trials), agents), scenario.wheels),
-        change=FormationChange(plant, faults, parameters.inertia),
+        effectors=FormationEffectors(drives, faults, (len(trials), agents), scenario.wheels),
+        change=FormationChange(plant, faults),
         trials=trials,
         ticks=ticks,
         dt=dt,
         channels=record.channels,
         figures=record.figures,
         references={"leader": leader},
-        occurrences=tuple(Occurrence(trial, *event) for trial, _ in enumerate(trials) for event in faults.occurrences),
+        occurrences=faults.occurrences,
         errors=Euclidean(),
     )
 
@@ -278,11 +289,6 @@ def formation_estimators(scenario: FormationScenario, name: str, trials: Trials,
     watching = [o for o in dict.fromkeys((loop.feedback, *loop.watching)) if o in scenario.observers]
     own = (agents_filter(o, scenario.observers[o], scenario.plant, seed, trials) for o in watching)
     return (*own, *user_code.filters(surroundings(scenario)))
-
-
-def push(size: float, time: float) -> Array:
-    """Disturbance torque, (3,) N m in B (Rososhansky 2017, eq. 4.16, table 4.5)."""
-    return size * np.array([np.sin(time), np.cos(time), np.sin(2.0 * time)])
 
 
 def _shorter(state: Array) -> Array:

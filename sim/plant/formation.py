@@ -44,8 +44,12 @@ class FormationPlant(Plant):
         return AgentsTruth(*plain, state)
 
     def set_inertias(self, inertia: Array) -> None:
-        """Give the agents other inertias, (agents, 3, 3) kg m2, in all trials; rates and centres of mass are kept."""
-        properties = self.assembly.reassemble(inertia, self.assembly.centre_of_mass)
+        """Give the agents other inertias, ([trials,] agents, 3, 3) kg m2; rates and centres of mass are kept."""
+        self.set_masses(inertia, self.assembly.centre_of_mass)
+
+    def set_masses(self, inertia: Array, centre_of_mass: Array) -> None:
+        """Give the agents other inertias, ([trials,] agents, 3, 3) kg m2, and centres of mass, (..., 3) m; rates are kept."""
+        properties = self.assembly.reassemble(inertia, centre_of_mass)
         for field, value in (
             ("body_mass", properties.mass),
             ("body_ipos", properties.centre_of_mass),

@@ -45,6 +45,7 @@ def check_masses(plant: BodyParameters, faults: tuple[Fault, ...]) -> None:
     reassemble = kind_of(plant).prepare(plant).reassemble
     for number, fault in enumerate(faults):
         if isinstance(fault, InertiaChange):
-            whole, bus = fault.properties.inertia, np.diag(reassemble(*fault.properties).moments)
-            if reason := why_impossible(whole) or why_impossible(bus):
-                raise ValueError(f"faults.{number} (inertia): no rigid body has inertia_kg_m2 = {list(fault.inertia_kg_m2)}, {reason}")
+            said = f"inertia_kg_m2 = {list(fault.inertia_kg_m2)}" if fault.inertia_kg_m2 else "its inertia with add_kg_m2"
+            for whole in fault.wholes(plant.inertia, plant.centre_of_mass):
+                if reason := why_impossible(whole.inertia) or why_impossible(np.diag(reassemble(*whole).moments)):
+                    raise ValueError(f"faults.{number} (inertia): no rigid body has {said}, {reason}")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.scenario.consensus import ConsensusScenario
-from sim.series.consensus import SMOOTHING_S, chosen, happenings, looks, moving_mean
+from sim.series.consensus import SMOOTHING_S, chosen, looks, moving_mean, occurrences
 from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
@@ -58,12 +58,12 @@ def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict
             axes.set_title(f"({letter}) {axes.get_title(loc='left')}", loc="left")
             if axes is not grid[0, 2]:
                 axes.set(xlabel="time [s]", xlim=(0.0, max(first.time[-1], first.dt)))
-                for happening in happenings(scenario):
-                    axes.axvline(happening.start_s, color=FAULT, lw=0.7, alpha=0.7, zorder=0)
+                for one in occurrences(flown):
+                    axes.axvline(first.dt * one.start_tick, color=FAULT, lw=0.7, alpha=0.7, zorder=0)
         handles = [Line2D([], [], lw=1.8, label=loop, **lines[loop]) for loop in flown]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9, handlelength=3.0)
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
-        said = [f"{name}, trial {first.trials[0]}", *(f"{what.text} from {what.start_s:g} s" for what in happenings(scenario))]
+        said = [f"{name}, trial {first.trials[0]}", *(f"{one.text} from {first.dt * one.start_tick:g} s" for one in occurrences(flown))]
         figure.text(0.01, 0.952, " | ".join(said), fontsize=8, color=QUIET)
         figure.savefig(path)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -12,10 +12,10 @@ from control.terminal_sliding_mode import TerminalSlidingMode
 from models.plants.agents import AGENTS, AgentsParameters
 from models.sections import NonNegative, Positive, Section
 from sim.estimators.learner_settings import Adaptive, LoopSettings, Marginalised, TuningSettings
+from sim.faults.kinds import Fault, check_faults, renamed
+from sim.faults.parts import Parts
+from sim.faults.readings import DropOut
 from sim.scenario.run import Published, RunSettings
-
-Pair = tuple[float, float]
-
 
 CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
 
@@ -71,36 +71,6 @@ class SensorSettings(Section):
     speed_std_m_s: NonNegative = 1e-4
 
 
-class DynamicsFault(Section):
-    """From now on f has other factors on its two axes (table 5.3)."""
-
-    kind: Literal["dynamics"]
-    start_s: NonNegative
-    gain: Pair
-
-
-class DisturbanceFault(Section):
-    """From now on d has another amplitude and rate (table 5.4)."""
-
-    kind: Literal["disturbance"]
-    start_s: NonNegative
-    amplitude_n: float
-    rate_rad_s: float
-    by_agent: bool = Field(True, description="times the agent's number, as in eq. 5.31; else the same rate for all")
-
-
-class CommandFault(Section):
-    """For a while -W phi - h + constant instead of the law (table 5.5)."""
-
-    kind: Literal["command"]
-    start_s: NonNegative
-    end_s: Positive
-    constant_n: float = -0.0125
-
-
-Fault = Annotated[DynamicsFault | DisturbanceFault | CommandFault, Field(discriminator="kind")]
-
-
 class ConsensusScenario(Section):
     """One scenario file of consensus tracking."""
 
@@ -130,6 +100,11 @@ class ConsensusScenario(Section):
                 raise ValueError(f"{name!r} cannot be a loop's name")
         return loops
 
+    @field_validator("faults", mode="before")
+    @classmethod
+    def _older_names(cls, value: Any) -> Any:
+        return renamed(value, cls.family)
+
     @model_validator(mode="after")
     def _fits_together(self) -> ConsensusScenario:
         duration = self.run.ticks * self.run.tick_s
@@ -137,11 +112,26 @@ class ConsensusScenario(Section):
             tick = loop.tick_s if isinstance(loop, Adaptive) else self.run.tick_s
             _whole(self.run.tick_s / tick, f"loops.{name}.tick_s: run.tick_s = {self.run.tick_s:g} s", tick)
         _whole(self.run.tick_s / self.plant.step_s, f"plant.step_s: run.tick_s = {self.run.tick_s:g} s", self.plant.step_s)
+        check_faults(self.faults, duration, self.parts)
+        sampled = [name for name, loop in self.loops.items() if isinstance(loop, Marginalised)]
         for number, fault in enumerate(self.faults):
-            end = fault.end_s if isinstance(fault, CommandFault) else fault.start_s
-            if max(end, fault.start_s) > duration + 1e-9 or end < fault.start_s:
-                raise ValueError(f"faults.{number} ({fault.kind}): must lie between 0 and the run's end, {duration:g} s")
+            if sampled and isinstance(fault, DropOut) and fault.earliest_start < self.run.tick_s:
+                where = f"faults.{number} (drop-out): begins at {fault.earliest_start:g} s"
+                raise ValueError(f"{where}, but the particles of loop {sampled[0]} begin with a reading; let it begin later")
         return self
+
+    @property
+    def parts(self) -> Parts:
+        """What can fail."""
+        return Parts(
+            self.family,
+            {"position": 2, "speed": 2},
+            AGENTS,
+            axes=2,
+            messages=self.graph.build().ways,
+            noise=(self.sensors.position_std_m, self.sensors.speed_std_m_s),
+            disturbance=np.column_stack([np.tile(self.disturbance, (AGENTS, 1)), np.arange(1, AGENTS + 1)]),
+        )
 
     @property
     def loop_names(self) -> tuple[str, ...]:

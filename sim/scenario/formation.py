@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Ordinal, Positive, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
-from sim.faults.formation import AddedInertia, ConstantCommand, Cut, Fault, OtherGains, Readings, WheelFailure
+from sim.faults.kinds import Cut, Fault, InertiaChange, check_faults, renamed
+from sim.faults.parts import Parts
+from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings
 from sim.scenario.run import Published, RunSettings
 
@@ -117,6 +119,11 @@ class FormationScenario(Section):
             raise ValueError("no loop is flown")
         return loops
 
+    @field_validator("faults", mode="before")
+    @classmethod
+    def _older_names(cls, value: Any) -> Any:
+        return renamed(value, cls.family)
+
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> FormationScenario:
         agents = self.plant.agents
@@ -126,7 +133,7 @@ class FormationScenario(Section):
         if beyond := [n for n in numbers if n > agents]:
             raise ValueError(f"graph: there is no agent {beyond[0]}; there are {agents}")
         try:
-            graph = self.communication()
+            self.communication()
         except ValueError as complaint:
             raise ValueError(f"graph: {complaint}") from None
         known = ["truth", *self.observers, *(info.context or {}).get("guests", ())]
@@ -142,36 +149,24 @@ class FormationScenario(Section):
         for name, (start, end) in self.phases.items():
             if not start < end <= duration * (1 + 1e-9):
                 raise ValueError(f"phases.{name}: [{start:g}, {end:g}] s is not inside the run of {duration:g} s")
-        linked = {(int(a) + 1, int(b)) for a, b in graph.ways}
+        check_faults(self.faults, duration, self.parts)
         for number, fault in enumerate(self.faults):
-            label = f"faults.{number} ({fault.kind})"
-            if fault.start_s >= duration:
-                raise ValueError(f"{label}: begins at {fault.start_s:g} s, the run ends at {duration:g} s")
-            if isinstance(fault, ConstantCommand | WheelFailure | OtherGains):
-                most = 0 if fault.agents == "all" else max(fault.agents, default=0)
-                if most > agents:
-                    raise ValueError(f"{label}: there is no agent {most}; there are {agents}")
-            if isinstance(fault, WheelFailure) and fault.wheel > self.wheels:
-                raise ValueError(f"{label}: there is no wheel {fault.wheel}; each agent has {self.wheels}")
-            if isinstance(fault, Cut):
-                for i, j in fault.links:
-                    if (j, i) not in linked and (i, j) not in linked:
-                        raise ValueError(f"{label}: there is no link {i}-{j}")
-            if isinstance(fault, AddedInertia):
-                self._can_be_had(label, fault)
+            if isinstance(fault, InertiaChange):
+                self._can_be_had(f"faults.{number} (inertia)", fault)
         return self
 
-    def _can_be_had(self, label: str, fault: AddedInertia) -> None:
-        """Raise ValueError if bodies with more inertia are none."""
+    def _can_be_had(self, label: str, fault: InertiaChange) -> None:
+        """Raise ValueError if bodies with another inertia are none."""
         kind = kind_of(self.plant)
-        if kind.any_tensor(self.plant):
+        if fault.add_kg_m2 is not None and kind.any_tensor(self.plant):
             return
-        wholes = self.plant.inertia + np.diag(fault.add_kg_m2)
-        moments = kind.prepare(self.plant).reassemble(wholes, self.plant.centres_of_mass).moments
-        carried = moments[..., None] * np.eye(3)  # what is left for each body that carries wheels and masses
-        for agent, (whole, own) in enumerate(zip(wholes, carried, strict=True)):
-            if reason := why_impossible(whole) or why_impossible(own):
-                raise ValueError(f"{label}: no rigid body has the inertia of agent {agent + 1}, {reason}")
+        reassemble = kind.prepare(self.plant).reassemble
+        for wholes, centres_of_mass in fault.wholes(self.plant.inertia, self.plant.centres_of_mass):
+            carried = reassemble(wholes, centres_of_mass).moments[..., None] * np.eye(3)  # what is left beside wheels and masses
+            for agent, (whole, own) in enumerate(zip(wholes, carried, strict=True), 1):
+                named = fault.agents == "all" or agent in fault.agents
+                if named and (reason := why_impossible(whole) or why_impossible(own)):
+                    raise ValueError(f"{label}: no rigid body has the inertia of agent {agent}, {reason}")
 
     @property
     def loop_names(self) -> tuple[str, ...]:
@@ -183,7 +178,7 @@ class FormationScenario(Section):
         said = kind_of(self.plant).warnings(self.plant)
         if any(loop.law.acceleration_sign > 0 for loop in self.loops.values()):
             said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")
-        if any(isinstance(fault, Readings) and np.abs(fault.bias) > 0 for fault in self.faults):
+        if any(_shared_bias(fault) for fault in self.faults):
             said.append("faults: a bias that all readings share is followed by every filter, since nothing tells it from an attitude")
         for fault in self.faults:
             if isinstance(fault, Cut) and len({j for i, j in fault.links if i == 0}) >= len(self.graph.leader):
@@ -195,6 +190,12 @@ class FormationScenario(Section):
         return CommunicationGraph.of(self.plant.agents, self.graph.links, self.graph.leader)
 
     @property
+    def parts(self) -> Parts:
+        """What can fail; gains of a law are those of a loop."""
+        ways = self.communication().ways
+        return Parts(self.family, {"attitude": 3}, self.plant.agents, self.wheels, messages=ways, noise=self.reading_deviation)
+
+    @property
     def wheels(self) -> int:
         """Of each agent."""
         return self.plant.wheel_axes.shape[1]
@@ -203,3 +204,9 @@ class FormationScenario(Section):
     def starts(self) -> Array:
         """Of each agent, sigma at t = 0, (agents, 3)."""
         return np.resize(np.array(self.start.mrp), (self.plant.agents, 3))
+
+
+def _shared_bias(fault: Fault) -> bool:
+    """Whether it adds the same to the readings of all agents."""
+    size = fault.size if isinstance(fault, Bias) else fault.bias if isinstance(fault, NoiseChange) else None
+    return size is not None and any(size.bounds()) and getattr(fault, "agents", "") == "all"

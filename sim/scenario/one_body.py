@@ -13,7 +13,8 @@ from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import complain_of_learning
 from sim.estimators.settings import Imm
 from sim.estimators.tunings import Tuning
-from sim.faults.kinds import Fault, complain_of_faults
+from sim.faults.kinds import Fault, check_faults, renamed
+from sim.faults.parts import Parts
 from sim.plant.kinds import PlantSettings, check_masses
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, complain_of_laws, complain_of_loops, laws_by_place
@@ -78,6 +79,11 @@ class Scenario(Section):
             raise ValueError(f"no sensor set {name!r}; there are {', '.join(SENSOR_SETS)}")
         return SENSOR_SETS[name].model_dump() | {k: v for k, v in value.items() if k != "set"}
 
+    @field_validator("faults", mode="before")
+    @classmethod
+    def _older_names(cls, value: Any) -> Any:
+        return renamed(value, cls.family)
+
     @model_validator(mode="before")
     @classmethod
     def _common_tuning(cls, data: Any) -> Any:
@@ -104,13 +110,19 @@ class Scenario(Section):
         for key, period in self.sensors.periods_s.items():
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
-        complain_of_faults(self.faults, duration, wheels)
+        check_faults(self.faults, duration, self.parts)
         complain_of_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:
             check_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
         return self
+
+    @property
+    def parts(self) -> Parts:
+        """What can fail."""
+        wheels = self.plant.wheel_axes.shape[1]
+        return Parts(self.family, {"attitude": 3, "gyro": 3, "wheels": wheels}, wheels=wheels)
 
     @property
     def law(self) -> ControlSettings:

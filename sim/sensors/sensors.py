@@ -14,7 +14,8 @@ from pydantic import Field
 from models.attitude import quaternion
 from models.sections import NonNegative, Positive, Section
 from sim import randomness
-from sim.faults.timeline import FaultSchedule
+from sim.faults.effects import AGE, BIAS, MISSING, NOISE
+from sim.faults.timeline import Timeline
 from sim.plant.batch import Truth
 from sim.randomness import Stream
 from sim.units import RPM
@@ -154,7 +155,7 @@ class Sensors:
 
     settings: SensorArrays
     noise: Noise
-    faults: FaultSchedule
+    faults: Timeline
     dt: float
 
     @cached_property
@@ -181,18 +182,17 @@ class Sensors:
         """
         s, noise, faults = self.settings, self.noise, self.faults
         state = truth.state
-        age = _sum(noise.age, faults.delay_s, tick)
+        late = faults.at(AGE, tick)
+        age = _sum(None if noise.age is None else noise.age[tick], None if late is None else late[:, 0])
         if age is not None:
             state = _look_back(past, tick, age / self.dt)
         sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s, s.quaternion_noise]  # (trials, 1) each
-        if faults.noise_factor is not None:
-            factor = faults.noise_factor[tick]
+        if (factor := faults.at(NOISE, tick)) is not None:
             sigma = [sigma[i] * factor[:, which, None] for i, which in enumerate((0, 1, 2, 0))]
         turn = sigma[0] * noise.attitude[tick]
         rate = state[:, 4:7] + noise.gyro_bias[tick] + sigma[1] * noise.gyro[tick]
         wheel = state[:, 7:] + sigma[2] * noise.wheel[tick]
-        if faults.sensor_bias is not None:
-            bias = faults.sensor_bias[tick]
+        if (bias := faults.at(BIAS, tick)) is not None:
             turn, rate, wheel = turn + bias[:, :3], rate + bias[:, 3:6], wheel + bias[:, 6:]
         attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), state[:, :4])
         if noise.quaternion is not None:
@@ -206,9 +206,10 @@ class Sensors:
         if not s.gyro.all():
             rate = np.where(s.gyro > 0.0, rate, np.nan)
         reading = np.concatenate([attitude, rate, wheel], axis=-1)
-        for missing in (noise.missing, faults.missing, self._between):
-            if missing is not None and missing[tick].any():
-                lost = np.repeat(missing[tick], [4, 3, wheel.shape[-1]], axis=-1)
+        drawn, between = noise.missing, self._between
+        for missing in (None if drawn is None else drawn[tick], faults.at(MISSING, tick), None if between is None else between[tick]):
+            if missing is not None and missing.any():
+                lost = np.repeat(missing, [4, 3, wheel.shape[-1]], axis=-1)
                 reading = np.where(lost, np.nan, reading)
         return reading
 
@@ -218,16 +219,15 @@ def _quantize(value: Array, step: Array) -> Array:
     return np.where(step > 0.0, step * np.round(value / np.where(step > 0.0, step, 1.0)), value)
 
 
-def _sum(one: Array | None, other: Array | None, tick: int) -> Array | None:
+def _sum(one: Array | None, other: Array | None) -> Array | None:
     if one is None or other is None:
-        either = one if other is None else other
-        return None if either is None else either[tick]
-    return one[tick] + other[tick]
+        return one if other is None else other
+    return one + other
 
 
 def _look_back(past: Array, tick: int, age_ticks: Array) -> Array:
     """State (trials, n) that was so `age_ticks` (trials,) before `tick`, between ticks by interpolation; the start before the start."""
-    when = np.maximum(tick - age_ticks, 0.0)
+    when = np.broadcast_to(np.maximum(tick - age_ticks, 0.0), past.shape[1])
     before = np.floor(when).astype(int)
     share = (when - before)[:, None]
     trial = np.arange(past.shape[1])

@@ -9,22 +9,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from sim.estimators.learner_settings import Exact, Marginalised, Nothing
+from sim.faults.timeline import Occurrence
 from sim.loop.recording import Recording
-from sim.scenario.consensus import CommandFault, ConsensusScenario, DynamicsFault
+from sim.scenario.consensus import ConsensusScenario
 from sim.series.palette import LOOP_VARIANTS, Colour
 
 Array = NDArray[np.floating]
 
 SMOOTHING_S = 0.5
 GREY: tuple[tuple[str, Colour], ...] = (("#8a8f98", (150, 156, 166)), ("#c0c4cc", (104, 110, 120)))  # of what is no way to learn
-
-
-class Happening(NamedTuple):
-    """A fault, or an end of one."""
-
-    start_s: float
-    end_s: float
-    text: str
 
 
 class Look(NamedTuple):
@@ -49,21 +42,9 @@ def moving_mean(values: Array, dt: float) -> Array:
     return uniform_filter1d(values, max(1, round(SMOOTHING_S / dt)), axis=0, mode="nearest")
 
 
-def happenings(scenario: ConsensusScenario) -> list[Happening]:
-    """All faults, each until the next of its kind."""
-    duration, found = scenario.run.ticks * scenario.run.tick_s, []
-    for number, fault in enumerate(scenario.faults):
-        later = [other.start_s for other in scenario.faults[number + 1 :] if other.kind == fault.kind]
-        if isinstance(fault, CommandFault):
-            found.append(Happening(fault.start_s, fault.end_s, "no sliding terms in the command"))
-            continue
-        if isinstance(fault, DynamicsFault):
-            factors = [scenario.plant.stiffness * gain for gain in fault.gain]
-            text = f"factors of f: {factors[0]:g}, {factors[1]:g}"
-        else:
-            text = f"disturbance {fault.amplitude_n:g} N, {fault.rate_rad_s:g}{' i' if fault.by_agent else ''} rad/s"
-        found.append(Happening(fault.start_s, min([*later, duration]), text))
-    return found
+def occurrences(flown: dict[str, Recording]) -> list[Occurrence]:
+    """Faults of the first recorded trial, which are the same in all loops."""
+    return [one for one in next(iter(flown.values())).occurrences if one.trial == 0]
 
 
 def chosen(flown: dict[str, Recording]) -> str:

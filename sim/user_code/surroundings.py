@@ -14,7 +14,8 @@ from models.dynamics.process import ProcessModel
 from models.dynamics.state_layout import StateLayout
 from models.plants.register.entries import kind_of
 from sim.estimators.filter_banks import Models
-from sim.faults.kinds import DropOut
+from sim.faults.kinds import Fault
+from sim.faults.readings import DropOut
 from sim.scenario.consensus import ConsensusScenario
 from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
@@ -87,7 +88,7 @@ def _of_a_body(scenario: Scenario) -> Surroundings:
     layout = kind_of(scenario.plant).layout(scenario.plant)
     noise = np.diag(np.repeat(sensors.variances, [3, 3, wheels]))
     setting = Setting(models.plain, models.with_drag, layout, Multiplicative(), noise, wheels)
-    missing = sensors.dropout_probability > 0 or any(isinstance(fault, DropOut) for fault in scenario.faults)
+    missing = sensors.dropout_probability > 0 or _drops_out(scenario.faults)
     return Surroundings(
         setting=setting,
         inputs=wheels or (2 * all_wheels or 3),
@@ -108,7 +109,9 @@ def _of_a_formation(scenario: FormationScenario) -> Surroundings:
     def measured(reading: Array) -> Array:
         return np.concatenate([reading, np.full(reading.shape, np.nan)], axis=-1)
 
-    return Surroundings(setting, 6 if scenario.wheels else 3, 0, measured, lambda known: known, unread=("rate",), networked=True)
+    return Surroundings(
+        setting, 6 if scenario.wheels else 3, 0, measured, lambda known: known, ("rate",), _drops_out(scenario.faults), True
+    )
 
 
 def _of_consensus(scenario: ConsensusScenario) -> Surroundings:
@@ -116,7 +119,12 @@ def _of_consensus(scenario: ConsensusScenario) -> Surroundings:
     layout, process = kind.layout(scenario.plant), kind.believed(scenario.plant, False, None)
     noise = np.diag(layout.repeated({"position": sensors.position_std_m**2, "velocity": sensors.speed_std_m_s**2}))
     setting = Setting(process, process, layout, Euclidean(), noise, 0)
-    return Surroundings(setting, 2, 0, lambda reading: reading, lambda known: known.force, networked=True)
+    return Surroundings(setting, 2, 0, lambda reading: reading, lambda known: known.force, gaps=_drops_out(scenario.faults), networked=True)
+
+
+def _drops_out(faults: tuple[Fault, ...]) -> bool:
+    """Whether a sensor falls silent."""
+    return any(isinstance(fault, DropOut) for fault in faults)
 
 
 KINDS: dict[str, Callable[[Any], Surroundings]] = {"body": _of_a_body, "formation": _of_a_formation, "consensus": _of_consensus}

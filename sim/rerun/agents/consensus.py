@@ -19,7 +19,7 @@ from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.channels import Curve
-from sim.series.consensus import chosen, happenings, looks, moving_mean
+from sim.series.consensus import chosen, looks, moving_mean, occurrences
 from sim.series.palette import AXES, PALE_AXES, REFERENCE, Colour
 
 Array = NDArray[np.floating]
@@ -134,7 +134,7 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
                 stream.log(layout.prefix + entity(curve.path), style(curve), static=True)
                 time = time_column(one[layout.shown].time)
                 stream.send_columns(layout.prefix + entity(curve.path), [time], columns(curve))
-            _write_events(stream, layout.prefix, name, scenario)
+            _write_events(stream, layout.prefix, name, scenario, one)
 
 
 def path_of(loop: str) -> str:
@@ -213,10 +213,9 @@ def _write_plane(stream: Any, place: str, scenario: ConsensusScenario, flown: Re
     stream.send_columns(f"{place}/leader", time, rr.Points2D.columns(positions=leader))
 
 
-def _write_events(stream: Any, prefix: str, name: str, scenario: ConsensusScenario) -> None:
-    told = [(0.0, "INFO", f"{name}: {scenario.title}")]
-    for what in happenings(scenario):
-        told.append((what.start_s, "WARN", f"{what.text}, until {what.end_s:g} s"))
+def _write_events(stream: Any, prefix: str, name: str, scenario: ConsensusScenario, flown: dict[str, Recording]) -> None:
+    dt, told = next(iter(flown.values())).dt, [(0.0, "INFO", f"{name}: {scenario.title}")]
+    told += [(dt * one.start_tick, "WARN", f"{one.text}, until {dt * one.end_tick:g} s") for one in occurrences(flown)]
     told.append((scenario.run.ticks * scenario.run.tick_s, "INFO", "end of the recording"))
     times, levels, texts = zip(*told, strict=True)
     stream.send_columns(f"{prefix}events", [time_column(np.array(times))], rr.TextLog.columns(text=texts, level=levels))

@@ -1,0 +1,62 @@
+"""Faults of reaction wheels and their drives."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from sim.draws import Number
+from sim.faults.effects import DRIVE_GAIN, DRIVE_OFFSET, LOCKED
+from sim.faults.events import Alias, Fraction, OfWheel
+from sim.faults.placement import Placement
+
+
+class Float(OfWheel):
+    """A wheel without power: its drive gives no torque, it coasts."""
+
+    kind: Literal["float"]
+
+    def lay(self, on: Placement) -> str:
+        """Nothing of what the drive would give is left."""
+        wheels = self.numbers(on.parts)
+        on.put(DRIVE_GAIN, 0.0, self.agents, wheels)
+        on.put(DRIVE_OFFSET, 0.0, self.agents, wheels)
+        return f"{self.who} floats"
+
+
+class Effectiveness(OfWheel):
+    """A drive gives only a share of the torque that it is told; nobody on board knows."""
+
+    aliases = (Alias("wheel-failure", "formation", defaults={"remaining": 0.0}),)
+    kind: Literal["effectiveness"]
+    remaining: Fraction
+
+    def lay(self, on: Placement) -> str:
+        """A share is left."""
+        share = self.remaining.sample(on.random)
+        on.scale(DRIVE_GAIN, share, self.agents, self.numbers(on.parts))
+        return f"{self.who} at {100 * share:.0f} %"
+
+
+class ConstantOutput(OfWheel):
+    """A drive gives a constant torque whatever it is told."""
+
+    kind: Literal["constant-output"]
+    torque_nm: Number
+
+    def lay(self, on: Placement) -> str:
+        """The constant in place of what it would give."""
+        torque, wheels = self.torque_nm.sample(on.random), self.numbers(on.parts)
+        on.put(DRIVE_GAIN, 0.0, self.agents, wheels)
+        on.put(DRIVE_OFFSET, torque, self.agents, wheels)
+        return f"{self.who} gives {1e3 * torque:.2f} mN m"
+
+
+class Lock(OfWheel):
+    """A wheel seizes: its bearing takes any torque. As a ramp its dry friction grows to that."""
+
+    kind: Literal["lock"]
+
+    def lay(self, on: Placement) -> str:
+        """The bearing is seized."""
+        on.put(LOCKED, 1.0, self.agents, self.numbers(on.parts))
+        return f"{self.who} locks"
