@@ -1,5 +1,8 @@
 """Faults by kind: what each lays down in every family, how it grows, what is drawn, which one is heard, and what a file can get wrong."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
@@ -427,3 +430,11 @@ def test_no_older_name_hides_a_kind_but_delay_of_readings():
         assert aliases(family).keys() & KINDS.keys() <= {"delay"}
     assert renamed("nonsense", "body") == "nonsense"
     assert renamed([1, {"kind": 3}], "body") == [1, {"kind": 3}]
+
+
+def test_the_page_of_all_kinds_is_that_of_the_register():
+    docs = Path(__file__).resolve().parents[1] / "docs"
+    page = runpy.run_path(str(docs / "faults.py"))["PAGE"]
+    assert (docs / "faults.md").read_text(encoding="utf-8") == page, "print it anew: python docs/faults.py > docs/faults.md"
+    for kind in KINDS:
+        assert f"| `{kind}` |" in page

@@ -6,10 +6,9 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from models.sections import NonNegative
 from sim.draws import Draw, Number
 from sim.faults.effects import COMMAND_GAIN, COMMAND_OFFSET, DRIVE_GAIN, GAINS, SLIDING
-from sim.faults.events import Alias, OfAgents
+from sim.faults.events import Alias, NotNegative, OfAgents
 from sim.faults.parts import Parts
 from sim.faults.placement import Placement
 
@@ -77,16 +76,17 @@ class OtherGains(OfAgents):
 
     families = ("formation",)
     kind: Literal["gains"]
-    k1: NonNegative | None = None
-    k2: NonNegative | None = None
-    k3: NonNegative | None = None
-    gamma: NonNegative | None = None
+    k1: NotNegative | None = None
+    k2: NotNegative | None = None
+    k3: NotNegative | None = None
+    gamma: NotNegative | None = None
 
     def lay(self, on: Placement) -> str:
         """The gains that are given; the others stay."""
         said = []
         for number, key in enumerate(("k1", "k2", "k3", "gamma")):
-            if (value := getattr(self, key)) is not None:
+            if (drawn := getattr(self, key)) is not None:
+                value = drawn.sample(on.random)
                 on.put(GAINS, value, self.agents, [number])
                 said.append(f"{key} = {value:g}")
         return f"{'all' if self.agents == 'all' else self.whose('')}: {', '.join(said)}"
