@@ -14,10 +14,10 @@ from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 from models.dynamics.planar_body import PlanarBody
 from models.dynamics.process import runge_kutta_along
 from models.dynamics.state_layout import POSITION, SIGMA, SIGMA_RATE, VELOCITY
+from sim.faults.timeline import Timeline, schedule
 from sim.loop.build import build
 from sim.loop.closed_loop import run_whole
-from sim.loop.consensus import unknown_force
-from sim.loop.formation import push
+from sim.loop.consensus import UnknownForce
 from sim.loop.recording import Recording
 
 Array = NDArray[np.floating]
@@ -128,17 +128,24 @@ def _apart(place: slice) -> Callable[[Array, Array], Array]:
     return lambda one, other: np.linalg.norm(one[..., place] - other[..., place], axis=-1)
 
 
+def _laid(scenario: Any) -> Timeline:
+    """Faults of the scenario's trials, of which torques and forces from outside act on the models too."""
+    run = scenario.run
+    return schedule([scenario.faults] * run.trials, scenario.parts, run.seed, np.arange(run.trials), run.ticks, run.tick_s)
+
+
 def _rodrigues_models(scenario: Any) -> dict[str, Slope]:
     """True and believed inertias; of testbeds the believed one alone, since their wheels and their weight are no part of it."""
-    faults = [fault for fault in scenario.faults if fault.kind == "disturbance"]
+    faults = _laid(scenario)
 
     def with_inertia(inertia: Array) -> Slope:
         model = AttitudeByRodrigues(inertia)
 
         def slope(state: Array, command: Array, time: float) -> Array:
-            pushed = sum(push(fault.size_nm, time) for fault in faults if fault.start_s <= time < fault.end_s)
-            outside = np.concatenate([pushed + np.zeros(3), np.zeros(command.shape[-1] - 3)])
-            return model.derivative(state, command + outside)
+            outside = faults.push(int(time / faults.dt))
+            if outside is not None:
+                command = np.concatenate([command[..., :3] + outside, command[..., 3:]], axis=-1)
+            return model.derivative(state, command)
 
         return slope
 
@@ -148,9 +155,16 @@ def _rodrigues_models(scenario: Any) -> dict[str, Slope]:
 
 def _planar_models(scenario: Any) -> dict[str, Slope]:
     """With all forces, and with the command alone."""
-    body = PlanarBody(scenario.plant.mass_kg)
+    body, faults = PlanarBody(scenario.plant.mass_kg), _laid(scenario)
+    unknown = UnknownForce(scenario.plant, scenario.parts.disturbance, faults)
+
+    def whole(state: Array, command: Array, time: float) -> Array:
+        tick = int(time / faults.dt)
+        outside, force = faults.push(tick), command + unknown.at(tick, state, time)
+        return body.derivative(state, force if outside is None else force + outside)
+
     return {
-        "f + d and command": lambda state, command, time: body.derivative(state, command + unknown_force(scenario, state, time)),
+        "f + d and command": whole,
         "command alone": lambda state, command, time: body.derivative(state, command),  # noqa: ARG005
     }
 

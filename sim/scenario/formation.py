@@ -191,9 +191,16 @@ class FormationScenario(Section):
 
     @property
     def parts(self) -> Parts:
-        """What can fail; gains of a law are those of a loop."""
-        ways = self.communication().ways
-        return Parts(self.family, {"attitude": 3}, self.plant.agents, self.wheels, messages=ways, noise=self.reading_deviation)
+        """What can fail; gains are those of the first loop's law."""
+        return Parts(
+            self.family,
+            {"attitude": 3},
+            self.plant.agents,
+            self.wheels,
+            messages=self.communication().ways,
+            noise=self.reading_deviation,
+            gains=next(iter(self.loops.values())).law.gains[:4],
+        )
 
     @property
     def wheels(self) -> int:
