@@ -16,6 +16,7 @@ from estimation.observation import begin, observe, observe_by_points, whole_stat
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Multiplicative
 from models.dynamics.measurement import MeasurementModel
+from models.dynamics.state_layout import MOTION
 
 Array = NDArray[np.floating]
 
@@ -138,7 +139,7 @@ class JointUnscentedFilter:
         correction = (cross.swapaxes(-1, -2) @ white)[..., 0]
         moved = ATTITUDE.displace(motion, correction[..., :6])
         return corrected(
-            np.concatenate([moved, belief.mean[..., 7:] + correction[..., 6:]], axis=-1),
+            np.concatenate([moved, belief.mean[..., MOTION.stop :] + correction[..., 6:]], axis=-1),
             symmetrize(covariance - cross.swapaxes(-1, -2) @ cross),
             innovation,
             belief,
@@ -161,7 +162,7 @@ class JointUnscentedFilter:
 
     def propagate(self, belief: Belief, command: Array, dt: float) -> tuple[Array, Array, Array]:
         """State (..., 7) and joint covariance (..., 6 + p, 6 + p) as the model moves them, and 1 where one was repaired, (...,)."""
-        motion, weights = belief.mean[..., :7], belief.mean[..., 7:]
+        motion, weights = belief.mean[..., MOTION], belief.mean[..., MOTION.stop :]
         own, shared, rest = belief.covariance[..., :6, :6], belief.covariance[..., :6, 6:], belief.covariance[..., 6:, 6:]
         root, lost = factor(own)
         along = np.linalg.solve(root, shared)  # deviations of W that belong to one of the state, (..., 6, p)

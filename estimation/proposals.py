@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
+from models.dynamics.state_layout import ATTITUDE, RATE
 
 Array = NDArray[np.floating]
 
@@ -66,10 +67,10 @@ class MatchedNoise:
 
     def root(self, mean: Array, elapsed: Array) -> Array:
         """Diagonal L of the Additive state [q, omega, wheel speeds], (..., n, n)."""
-        square = np.maximum(np.sum(mean[..., 4:7] ** 2, axis=-1), np.exp(-elapsed / self.fade_s))
+        square = np.maximum(np.sum(mean[..., RATE] ** 2, axis=-1), np.exp(-elapsed / self.fade_s))
         deviation = np.full(mean.shape, self.wheel)
-        deviation[..., :4] = self.attitude
-        deviation[..., 4:7] = np.hypot(self.floor, self.slope * square)[..., None]
+        deviation[..., ATTITUDE] = self.attitude
+        deviation[..., RATE] = np.hypot(self.floor, self.slope * square)[..., None]
         return deviation[..., None] * np.eye(mean.shape[-1])
 
 

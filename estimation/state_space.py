@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.attitude import quaternion
 from models.dynamics.measurement import AttitudeError
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 
@@ -46,7 +47,7 @@ def _to_rotation(state: Array) -> Array:
     """Matrix (..., n-1, n) that turns a small change of the state into rotation vector and the rest: blockdiag(2 Xi', I)."""
     size = state.shape[-1]
     out = np.zeros((*state.shape[:-1], size - 1, size))
-    out[..., :3, :4] = 2.0 * quaternion.xi(state[..., :4]).swapaxes(-1, -2)
+    out[..., :3, ATTITUDE] = 2.0 * quaternion.xi(state[..., ATTITUDE]).swapaxes(-1, -2)
     rest = np.arange(3, size - 1)
     out[..., rest, rest + 1] = 1.0
     return out
@@ -89,13 +90,13 @@ class Additive:
     def difference(self, state: Array, reference: Array) -> Array:
         """Component by component, the quaternion of either sign; (..., n)."""
         apart = state - reference
-        apart[..., :4] = quaternion.align(state[..., :4], reference[..., :4]) - reference[..., :4]
+        apart[..., ATTITUDE] = quaternion.align(state[..., ATTITUDE], reference[..., ATTITUDE]) - reference[..., ATTITUDE]
         return apart
 
     def displace(self, reference: Array, error: Array) -> Array:
         """Sum, with the quaternion scaled to unit length; (..., n)."""
         moved = reference + error
-        moved[..., :4] = quaternion.normalize(moved[..., :4])
+        moved[..., ATTITUDE] = quaternion.normalize(moved[..., ATTITUDE])
         return moved
 
     def transition(self, transition: Array, before: Array, after: Array) -> Array:
@@ -129,25 +130,26 @@ class Multiplicative:
 
     def difference(self, state: Array, reference: Array) -> Array:
         """Rotation vector, rad, and the rest; (..., n) to (..., n-1)."""
-        return np.concatenate([quaternion.error(state[..., :4], reference[..., :4]), state[..., 4:] - reference[..., 4:]], axis=-1)
+        turn = quaternion.error(state[..., ATTITUDE], reference[..., ATTITUDE])
+        return np.concatenate([turn, state[..., 4:] - reference[..., 4:]], axis=-1)
 
     def displace(self, reference: Array, error: Array) -> Array:
         """Turn by the rotation vector, add the rest; (..., n) and (..., n-1) to (..., n)."""
-        turned = quaternion.multiply(quaternion.from_rotation_vector(error[..., :3]), reference[..., :4])
+        turned = quaternion.multiply(quaternion.from_rotation_vector(error[..., :3]), reference[..., ATTITUDE])
         return np.concatenate([quaternion.normalize(turned), reference[..., 4:] + error[..., 3:]], axis=-1)
 
     def transition(self, transition: Array, before: Array, after: Array) -> Array:
         """blockdiag(2 Xi', I) Phi blockdiag(Xi / 2, I), the exact linearisation; (..., n, n) to (..., n-1, n-1)."""
         size = before.shape[-1]
         spread = np.zeros((*before.shape[:-1], size, size - 1))
-        spread[..., :4, :3] = 0.5 * quaternion.xi(before[..., :4])
+        spread[..., :4, :3] = 0.5 * quaternion.xi(before[..., ATTITUDE])
         rest = np.arange(3, size - 1)
         spread[..., rest + 1, rest] = 1.0
         return _to_rotation(after) @ transition @ spread
 
     def sensitivity(self, jacobian: Array, state: Array) -> Array:
         """Times blockdiag(Xi / 2, I); (..., d, n) to (..., d, n-1)."""
-        by_rotation = jacobian[..., :4] @ (0.5 * quaternion.xi(state[..., :4]))
+        by_rotation = jacobian[..., ATTITUDE] @ (0.5 * quaternion.xi(state[..., ATTITUDE]))
         rest = jacobian[..., 4:]
         return np.concatenate([by_rotation, np.broadcast_to(rest, (*by_rotation.shape[:-1], rest.shape[-1]))], axis=-1)
 

@@ -19,6 +19,11 @@ class Metric(NamedTuple):
     unit: str
     values: Array  # (trials,), NaN where it does not apply
 
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What it is of: subject, metric, phase and unit."""
+        return self.subject, self.metric, self.phase, self.unit
+
     def at(self, own: NDArray[np.int64], everyone: NDArray[np.int64]) -> Metric:
         """The same of all trials, `own` being the numbers of those that it is of; NaN for the others."""
         values = np.full(len(everyone), np.nan)

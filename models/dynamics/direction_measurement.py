@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.attitude import quaternion
 from models.dynamics.measurement import AttitudeError
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 
@@ -35,7 +36,7 @@ class DirectionMeasurement:
 
     def predict(self, state: Array) -> Array:
         """A(q) r in B; (..., n) to (..., 3)."""
-        return (quaternion.attitude_matrix(state[..., :4]) @ self.direction_N[..., None])[..., 0]
+        return (quaternion.attitude_matrix(state[..., ATTITUDE]) @ self.direction_N[..., None])[..., 0]
 
     def residual(self, reading: Array, predicted: Array) -> Array:
         """Component by component; (..., 3)."""
@@ -48,7 +49,7 @@ class DirectionMeasurement:
         """
         by_rotation = quaternion.cross_matrix(self.predict(state))
         out = np.zeros((*by_rotation.shape[:-1], state.shape[-1]))
-        out[..., :4] = 2.0 * by_rotation @ quaternion.xi(state[..., :4]).swapaxes(-1, -2)
+        out[..., ATTITUDE] = 2.0 * by_rotation @ quaternion.xi(state[..., ATTITUDE]).swapaxes(-1, -2)
         return out
 
     def linear(self, errors: AttitudeError) -> None:  # noqa: ARG002

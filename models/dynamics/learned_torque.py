@@ -13,6 +13,7 @@ from models.attitude.quaternion import cross_matrix
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.process import runge_kutta_along
 from models.dynamics.rigid_body import RigidBody
+from models.dynamics.state_layout import ATTITUDE
 from models.dynamics.unmodelled_torque import vertical
 
 Array = NDArray[np.floating]
@@ -61,7 +62,7 @@ class TorqueBasis:
             return np.ones((*np.broadcast_shapes(motion.shape[:-1], speed.shape[:-1]), 1))
         lead = np.broadcast_shapes(motion.shape[:-1], speed.shape[:-1])
         known = {
-            "tilt": vertical(motion[..., :4])[..., :2] / np.sin(self.greatest_tilt),
+            "tilt": vertical(motion[..., ATTITUDE])[..., :2] / np.sin(self.greatest_tilt),
             "rate": motion[..., 4:] / self.greatest_rate,
             "wheels": speed / self.greatest_speed,
         }

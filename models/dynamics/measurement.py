@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 
@@ -110,7 +111,7 @@ class PartOfState:
         chosen = list(self.components)
         if not chosen or len(set(chosen)) < len(chosen) or min(chosen) < 0 or max(chosen) >= self.states:
             raise ValueError(f"components = {chosen}: need one or more of 0 to {self.states - 1}, each once")
-        if self.attitude != "components" and chosen[:4] != [0, 1, 2, 3]:
+        if self.attitude != "components" and chosen[ATTITUDE] != [0, 1, 2, 3]:
             raise ValueError(f"components = {chosen}: an attitude compared by its {self.attitude} needs 0, 1, 2, 3 first")
         if self.noise.shape[-1] != len(chosen) - (self.attitude == "rotation"):
             raise ValueError(f"noise has shape {self.noise.shape}, which does not fit a reading of components {chosen}")
@@ -156,9 +157,9 @@ def _difference(reading: Array, predicted: Array, attitude: AttitudeError) -> Ar
         return reading - predicted
     first: Array
     if attitude == "quaternion":
-        first = quaternion.align(reading[..., :4], predicted[..., :4]) - predicted[..., :4]
+        first = quaternion.align(reading[..., ATTITUDE], predicted[..., ATTITUDE]) - predicted[..., ATTITUDE]
     else:
-        first = quaternion.error(reading[..., :4], predicted[..., :4])
+        first = quaternion.error(reading[..., ATTITUDE], predicted[..., ATTITUDE])
     return np.concatenate([first, reading[..., 4:] - predicted[..., 4:]], axis=-1)
 
 
@@ -168,6 +169,6 @@ def _sensitivity(state: Array, components: NDArray[np.intp], attitude: AttitudeE
     if attitude != "rotation":
         return np.broadcast_to(rows, (*state.shape[:-1], *rows.shape))
     out = np.zeros((*state.shape[:-1], len(components) - 1, state.shape[-1]))
-    out[..., :3, :4] = 2.0 * quaternion.xi(state[..., :4]).swapaxes(-1, -2)
+    out[..., :3, ATTITUDE] = 2.0 * quaternion.xi(state[..., ATTITUDE]).swapaxes(-1, -2)
     out[..., 3:, :] = rows[4:]
     return out

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.process import Linearization, ProcessModel, runge_kutta_along
+from models.dynamics.state_layout import PLANE, VELOCITY
 
 Array = NDArray[np.floating]
 
@@ -36,7 +37,7 @@ class PlanarAgent:
         """dx/dt; (..., n) and (..., 2) to (..., n)."""
         out = np.zeros(np.broadcast_shapes(state.shape, (*command.shape[:-1], 1)))
         out[..., :2] = state[..., 2:4]
-        out[..., 2:4] = self.acceleration(state[..., :4], state[..., 4:], command)
+        out[..., 2:4] = self.acceleration(state[..., PLANE], state[..., 4:], command)
         return out
 
     def acceleration(self, motion: Array, weights: Array, command: Array) -> Array:
@@ -45,12 +46,12 @@ class PlanarAgent:
 
     def linearize(self, state: Array, command: Array) -> Linearization:
         """Derivative and Jacobian, (..., n) and (..., n, n)."""
-        motion, weights = state[..., :4], state[..., 4:]
+        motion, weights = state[..., PLANE], state[..., 4:]
         rows = weights.reshape(*weights.shape[:-1], 2, self.network.terms)
         derivative = self.derivative(state, command)
         jacobian = np.zeros((*derivative.shape, self.size))
         jacobian[..., :2, 2:4] = np.eye(2)
-        jacobian[..., 2:4, :4] = rows @ self.network.slope(motion) / self.mass
+        jacobian[..., VELOCITY, PLANE] = rows @ self.network.slope(motion) / self.mass
         jacobian[..., 2:4, 4:] = self.by_weights(motion)
         return Linearization(derivative, jacobian)
 
@@ -65,12 +66,12 @@ class PlanarAgent:
 def runge_kutta_of_motion(process: ProcessModel, state: Array, command: Array, dt: float) -> Array:
     """`process.runge_kutta` of a planar agent, which leaves the weights alone, since they do not move; (..., n)."""
     assert isinstance(process, PlanarAgent)
-    motion, weights = state[..., :4], state[..., 4:]
+    motion, weights = state[..., PLANE], state[..., 4:]
 
     def slope(motion: Array) -> Array:
         return np.concatenate([motion[..., 2:], process.acceleration(motion, weights, command)], axis=-1)
 
     moved = runge_kutta_along(slope, motion, dt)
     out = np.array(np.broadcast_to(state, (*moved.shape[:-1], state.shape[-1])))
-    out[..., :4] = moved
+    out[..., PLANE] = moved
     return out

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.process import Linearization
+from models.dynamics.state_layout import MOTION
 
 Array = NDArray[np.floating]
 
@@ -93,20 +94,20 @@ class RigidBody:
         The motion is purely quadratic in the two together, so polarisation finds them exactly.
         """
         unit, none = np.eye(10), np.zeros(3)
-        single = self._motion(unit[:, :7], unit[:, 7:], none)
+        single = self._motion(unit[:, MOTION], unit[:, MOTION.stop :], none)
         sums = unit[:, None, :] + unit[None, :, :]
-        pairs = self._motion(sums[..., :7], sums[..., 7:], none) - single[:, None, :] - single[None, :, :]
+        pairs = self._motion(sums[..., MOTION], sums[..., MOTION.stop :], none) - single[:, None, :] - single[None, :, :]
         return np.ascontiguousarray(np.moveaxis(pairs[:7], -1, 0).reshape(49, 10))
 
     @cached_property
     def _momentum_slope(self) -> Array:
         """Constant change of the Jacobian with the momentum variables, (49, s)."""
-        return self._curvature[:, 7:] @ self.momentum_map
+        return self._curvature[:, MOTION.stop :] @ self.momentum_map
 
     @cached_property
     def _state_slope(self) -> Array:
         """Constant change of the Jacobian with the state, (49, 7)."""
-        return np.ascontiguousarray(self._curvature[:, :7])
+        return np.ascontiguousarray(self._curvature[:, MOTION])
 
     def linearize(self, state: Array, command: Array) -> Linearization:
         """dx/dt and its Jacobian, linear in state and momentum; state (..., 7), command [u, s] (..., r + s)."""

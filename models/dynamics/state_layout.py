@@ -18,7 +18,7 @@ ROTATION, RATE_ERROR, WHEEL_ERRORS = slice(0, 3), slice(3, 6), slice(6, None)
 # places in the state of one of several bodies by modified Rodrigues parameters, [sigma, dsigma/dt]
 SIGMA, SIGMA_RATE = slice(0, 3), slice(3, 6)
 # places in the state of an agent in the plane, [x, v]
-POSITION, VELOCITY = slice(0, 2), slice(2, 4)
+POSITION, VELOCITY, PLANE = slice(0, 2), slice(2, 4), slice(0, 4)
 
 Kind = Literal["attitude", "rate", "wheels", "position", "velocity"]
 

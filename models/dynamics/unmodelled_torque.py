@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude.quaternion import cross
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 
 Array = NDArray[np.floating]
 
@@ -45,7 +46,7 @@ class UnmodelledTorque:
 
     def at(self, state: Array) -> Array:
         """Torque on the body of states [q_BN, omega_BN_B, omega_wheel], (..., 7 + wheels) to (..., 3) N m in B."""
-        speed = state[..., 7:]
-        gravity = self.weight[..., None] * cross(self.centre_of_mass, vertical(state[..., :4]))
+        speed = state[..., WHEELS]
+        gravity = self.weight[..., None] * cross(self.centre_of_mass, vertical(state[..., ATTITUDE]))
         friction = self.wheel_coulomb[..., None] * np.sign(speed) + self.wheel_viscous[..., None] * speed
-        return gravity + (self.wheel_axes @ friction[..., None])[..., 0] - self.bearing_viscous[..., None] * state[..., 4:7]
+        return gravity + (self.wheel_axes @ friction[..., None])[..., 0] - self.bearing_viscous[..., None] * state[..., RATE]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from models.attitude import quaternion
 from models.dynamics.process import Linearization
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.wheel_faults import WheelFault
 
 Array = NDArray[np.floating]
@@ -68,7 +69,7 @@ class WheeledBody:
 
     def drift(self, state: Array) -> Array:
         """dx/dt without command, written as in the textbook; (..., n) to (..., n)."""
-        attitude, rate, speed = state[..., :4], state[..., 4:7], state[..., 7:]
+        attitude, rate, speed = state[..., ATTITUDE], state[..., RATE], state[..., WHEELS]
         momentum = (self.inertia @ rate[..., None] + self.wheel_inertia * self.wheel_axes @ speed[..., None])[..., 0]
         kinematics = 0.5 * (quaternion.xi(attitude) @ rate[..., None])[..., 0]
         torque = self.gyroscopic_sign * quaternion.cross(rate, momentum)
@@ -94,12 +95,12 @@ class WheeledBody:
         torque = command if self.fault is None else self.fault.act(command)
         dragging = self.wheel_coulomb or self.wheel_viscous
         if dragging:
-            direction = np.tanh(state[..., 7:] / DRAG_SMOOTHING)
-            torque = torque - self.wheel_coulomb * direction - self.wheel_viscous * state[..., 7:]
+            direction = np.tanh(state[..., WHEELS] / DRAG_SMOOTHING)
+            torque = torque - self.wheel_coulomb * direction - self.wheel_viscous * state[..., WHEELS]
         derivative = (jacobian @ (0.5 * state[..., None]) + self._input @ torque[..., None])[..., 0]
         if dragging:
             slope = self.wheel_coulomb / DRAG_SMOOTHING * (1.0 - direction**2) + self.wheel_viscous
-            jacobian[..., 7:] -= self._input * slope[..., None, :]
+            jacobian[..., WHEELS] -= self._input * slope[..., None, :]
         return Linearization(derivative, jacobian)
 
     def derivative(self, state: Array, command: Array) -> Array:

@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE
 from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
 from sim.campaign.draws import banded, draw, flown_together, own, picked
@@ -85,7 +86,7 @@ def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trial
         failures |= {one.trial: str(one) for one in block.lost} | ({int(trial): block.failure for trial in group} if block.failure else {})
         for metric in block.metrics:
             if campaign.keeps(metric.metric, metric.phase):
-                found.setdefault(metric[:4], {}).update(zip(block.trials.tolist(), metric.values.tolist(), strict=True))
+                found.setdefault(metric.key, {}).update(zip(block.trials.tolist(), metric.values.tolist(), strict=True))
     alive = np.array([trial for trial in trials if int(trial) not in failures], dtype=np.int64)
     metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
     drawn_values = np.array(values).reshape(len(trials), -1)
@@ -130,7 +131,7 @@ def _tidy(
         rows.append((trial, "loop", "failed", "all", "1", float(reason is not None), reason))
         if trial in place:
             own = values[place[trial]]
-            rows += [(trial, *metrics[j][:4], float(own[j]), None) for j in np.flatnonzero(np.isfinite(own))]
+            rows += [(trial, *metrics[j].key, float(own[j]), None) for j in np.flatnonzero(np.isfinite(own))]
     columns = list(zip(*rows, strict=True))
     constant = [[point] * len(rows), columns[0], [campaign.seed] * len(rows), *columns[1:]]
     return pa.table([pa.array(c, t) for c, t in zip(constant, METRIC_SCHEMA.types, strict=True)], schema=METRIC_SCHEMA)
@@ -141,11 +142,11 @@ def band_quantities(recording: Recording) -> dict[tuple[str, str], Array]:
     truth = recording.channels["truth/state"][::BAND_EVERY_TICKS]
     out: dict[tuple[str, str], Array] = {}
     desired = recording.channels["reference/q"][::BAND_EVERY_TICKS, None]
-    out["tracking_error_deg", "loop"] = np.degrees(quaternion.angle(truth[..., :4], desired))
+    out["tracking_error_deg", "loop"] = np.degrees(quaternion.angle(truth[..., ATTITUDE], desired))
     for name in recording.observers:
         mean = recording.channels[f"{name}/mean"][::BAND_EVERY_TICKS]
-        out["attitude_error_deg", name] = np.degrees(quaternion.angle(mean[..., :4], truth[..., :4]))
-        out["rate_error_rad_s", name] = np.sqrt(np.sum((mean[..., 4:7] - truth[..., 4:7]) ** 2, axis=-1))
+        out["attitude_error_deg", name] = np.degrees(quaternion.angle(mean[..., ATTITUDE], truth[..., ATTITUDE]))
+        out["rate_error_rad_s", name] = np.sqrt(np.sum((mean[..., RATE] - truth[..., RATE]) ** 2, axis=-1))
         limits = recording.thresholds[name]
         if limits is not None:
             out["statistic_over_threshold", name] = recording.channels[f"{name}/statistic"][::BAND_EVERY_TICKS] / limits[0]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, WHEELS
 from sim.crosscheck.model_variants import Model
 from sim.crosscheck.open_loop import Change, Dynamics, Flight, altered, integrate, replay
 
@@ -127,7 +128,7 @@ def attribute(
     stepped = model.predict(flight, ticks)
     own = {}
     if model.reads_wheels:
-        even = model.predict(flight, ticks, FINE, read=bare[..., 7:], held=False)
+        even = model.predict(flight, ticks, FINE, read=bare[..., WHEELS], held=False)
         own = {model.difference: _turn(ideal, even), HELD: _turn(even, believes.of(bare))}
         smooth = believes.of(full)
     elif model.difference:
@@ -139,7 +140,7 @@ def attribute(
     names = (*(e.name for e in effects), *own)
     with np.errstate(all="ignore"):  # Euler's steps blow up a mode that nothing damps
         euler = _turn(smooth, model.predict(flight, ticks, euler=True))
-    apart = np.degrees(quaternion.angle(bare[..., :4], ideal[..., :4]))
+    apart = np.degrees(quaternion.angle(bare[..., ATTITUDE], ideal[..., ATTITUDE]))
     parts = np.stack([*alone, *own.values()]), np.stack([*missing, *own.values()])
     return Attribution(names, *parts, _turn(full, stepped), euler, apart), bare
 
@@ -152,7 +153,7 @@ class _Readings:
         self._known = [(states, self._fine(states)) for states in (full, bare)] if model.reads_wheels else []
 
     def _fine(self, states: Array) -> Array:
-        return self._model.predict(self._flight, self._ticks, FINE, read=states[..., 7:])
+        return self._model.predict(self._flight, self._ticks, FINE, read=states[..., WHEELS])
 
     def of(self, states: Array) -> Array:
         """The model's states if it reads the wheels of `states`, (ticks, trials, n)."""
@@ -168,5 +169,5 @@ class _Readings:
 
 def _turn(state: Array, reference: Array) -> Array:
     """Rotation vector from the attitude of `reference` to that of `state`, resolved in N, rad; (..., n) to (..., 3)."""
-    q, q_ref = state[..., :4], reference[..., :4]
+    q, q_ref = state[..., ATTITUDE], reference[..., ATTITUDE]
     return (quaternion.attitude_matrix(q_ref).swapaxes(-1, -2) @ quaternion.error(q, q_ref)[..., None])[..., 0]

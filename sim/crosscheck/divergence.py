@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.wheeled_body import WheeledBody
 from sim.bad_input import BadInput
 from sim.scenario.one_body import Scenario
@@ -58,13 +59,13 @@ def thresholds(scenario: Scenario, given: list[str]) -> dict[str, float]:
 
 def momentum_N(body: WheeledBody, state: Array) -> Array:
     """Total angular momentum about the centre of rotation in N, N m s; (..., n) to (..., 3)."""
-    return (quaternion.attitude_matrix(state[..., :4]).swapaxes(-1, -2) @ body.momentum(state)[..., None])[..., 0]
+    return (quaternion.attitude_matrix(state[..., ATTITUDE]).swapaxes(-1, -2) @ body.momentum(state)[..., None])[..., 0]
 
 
 def kinetic_energy(body: WheeledBody, state: Array) -> Array:
     """Of the body without the spin of its wheels and of that spin relative to N, J; (..., n) to (...)."""
-    rate, axes = state[..., 4:7], body.wheel_axes
-    spin = state[..., 7:] + (axes.T @ rate[..., None])[..., 0]
+    rate, axes = state[..., RATE], body.wheel_axes
+    spin = state[..., WHEELS] + (axes.T @ rate[..., None])[..., 0]
     rest = body.inertia - body.wheel_inertia * axes @ axes.T
     return 0.5 * np.einsum("...i,ij,...j->...", rate, rest, rate) + 0.5 * body.wheel_inertia * np.sum(spin**2, axis=-1)
 
@@ -85,9 +86,9 @@ def divergence(body: WheeledBody, plant: Array, model: Array) -> dict[str, Array
     total, energy, wheels = momentum_N(body, plant), kinetic_energy(body, plant), plant.shape[-1] > 7
     turn = np.linalg.norm(momentum_N(body, model) - total, axis=-1)
     return {
-        "attitude": np.degrees(quaternion.angle(model[..., :4], plant[..., :4])),
-        "rate": np.abs(model[..., 4:7] - plant[..., 4:7]).max(axis=-1),
-        **({"wheel": np.abs(model[..., 7:] - plant[..., 7:]).max(axis=-1)} if wheels else {}),
+        "attitude": np.degrees(quaternion.angle(model[..., ATTITUDE], plant[..., ATTITUDE])),
+        "rate": np.abs(model[..., RATE] - plant[..., RATE]).max(axis=-1),
+        **({"wheel": np.abs(model[..., WHEELS] - plant[..., WHEELS]).max(axis=-1)} if wheels else {}),
         "momentum": turn / np.maximum(_stored(body, plant) if wheels else _kept(total), 1e-12),
         "energy": np.abs(kinetic_energy(body, model) - energy) / np.maximum(energy.max(axis=0), 1e-12),
     }
@@ -95,7 +96,7 @@ def divergence(body: WheeledBody, plant: Array, model: Array) -> dict[str, Array
 
 def _stored(body: WheeledBody, plant: Array) -> Array:
     """Greatest momentum in the wheels, (ticks, trials, n) to (trials,) N m s."""
-    return np.linalg.norm(body.wheel_inertia * plant[..., 7:] @ body.wheel_axes.T, axis=-1).max(axis=0)
+    return np.linalg.norm(body.wheel_inertia * plant[..., WHEELS] @ body.wheel_axes.T, axis=-1).max(axis=0)
 
 
 def _kept(total: Array) -> Array:

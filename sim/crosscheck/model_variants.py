@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.dynamics.state_layout import MOTION, WHEELS
 from models.plants.nacs import NacsParameters
 from sim.crosscheck.open_loop import Dynamics, Flight, altered, integrate
 
@@ -50,8 +51,8 @@ class Model:
         """
         start, inputs, tick_s = flight.states[0], flight.command[:ticks], flight.scenario.run.tick_s
         if self.reads_wheels:
-            speeds = flight.states[:ticks, ..., 7:] if read is None else read
-            path = self._reading(start[..., :7], inputs, speeds, tick_s, substeps, euler, held)
+            speeds = flight.states[:ticks, ..., WHEELS] if read is None else read
+            path = self._reading(start[..., MOTION], inputs, speeds, tick_s, substeps, euler, held)
             return np.concatenate([path, speeds], axis=-1)
         size = start.shape[-1]
         if self.hidden:

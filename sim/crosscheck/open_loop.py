@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from control.tracking import Estimate, Target
 from models.attitude import quaternion
 from models.dynamics.process import ProcessModel, runge_kutta
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.plants.assembly import Assembly
 from models.plants.register.entries import kind_of
 from models.plants.register.parameters import BodyParameters
@@ -100,7 +101,7 @@ def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flig
     assert isinstance(drives, BodyEffectors)
     if not drives.command_step_nm:
         return Flight(scenario, system, recording, recording.channels["command"], rig)
-    command, _ = drives.allocation.step(torque_B, Estimate(state[..., :4], state[..., 4:7], state[..., 7:]), np.zeros(0))
+    command, _ = drives.allocation.step(torque_B, Estimate(state[..., ATTITUDE], state[..., RATE], state[..., WHEELS]), np.zeros(0))
     return Flight(scenario, system, recording, command, rig)
 
 
@@ -150,7 +151,7 @@ def replay(flight: Flight, ticks: int, change: Change) -> Array:
     for alter in change.built:
         alter(assembly)
     plant = Plant(assembly, len(start))
-    plant.start(start[:, :4], start[:, 4:7], start[:, 7:])
+    plant.start(start[:, ATTITUDE], start[:, RATE], start[:, WHEELS])
     for actuator, setpoint in kind_of(again.plant).holds(again.plant).items():
         plant.hold(actuator, setpoint)
     system = replace(
@@ -186,6 +187,6 @@ def integrate(dynamics: Dynamics, start: Array, command: Array, tick_s: float, s
     for torque in command[:-1]:
         for _ in range(substeps):
             state = state + step * dynamics.derivative(state, torque) if euler else runge_kutta(process, state, torque, step)
-        state = np.concatenate([quaternion.normalize(state[..., :4]), state[..., 4:]], axis=-1)
+        state = np.concatenate([quaternion.normalize(state[..., ATTITUDE]), state[..., 4:]], axis=-1)
         path.append(state)
     return np.stack(path)

@@ -15,6 +15,7 @@ from models.attitude.quaternion import IDENTITY
 from models.dynamics.learned_torque import BodyWithLearnedTorque
 from models.dynamics.measurement import WholeState
 from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.state_layout import MOTION, WHEELS
 from models.plants.register.entries import kind_of
 from models.plants.register.parameters import BodyParameters
 from sim.estimators.learning_settings import Learning
@@ -44,20 +45,20 @@ class LearningObserver:
 
     def initial(self, measurement: Array) -> Belief:
         """Belief after the first reading, (trials, 7 + wheels)."""
-        return self._reduced(self.filter.initial(measurement[None]), np.nan_to_num(measurement[None, ..., 7:]))
+        return self._reduced(self.filter.initial(measurement[None]), np.nan_to_num(measurement[None, ..., WHEELS]))
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
         """Belief after `dt` seconds of [motor torques, wheel speeds before], (trials, 2 wheels), and a reading, (trials, 7 + wheels)."""
         memory: LearningMemory = belief.memory
         after = self.filter.step(memory.belief, command[None], measurement[None], dt)
-        before, speed = command[..., measurement.shape[-1] - 7 :], measurement[..., 7:]
+        before, speed = command[..., measurement.shape[-1] - 7 :], measurement[..., WHEELS]
         return self._reduced(after, np.where(np.isnan(speed), before, speed)[None])
 
     def _reduced(self, belief: Belief, speed: Array) -> Belief:
         """Attitude and rate, and the rest as what is remembered."""
-        learned = self.model.torque(belief.mean[..., :7], belief.mean[..., 7:], speed)
+        learned = self.model.torque(belief.mean[..., MOTION], belief.mean[..., MOTION.stop :], speed)  # attitude and rate, and the weights
         own = np.ascontiguousarray(belief.covariance[..., :6, :6])
-        return belief._replace(mean=belief.mean[..., :7], covariance=own, memory=LearningMemory(belief, learned))
+        return belief._replace(mean=belief.mean[..., MOTION], covariance=own, memory=LearningMemory(belief, learned))
 
 
 def learning_observer(settings: Learning, parameters: BodyParameters, sensors: SensorSettings) -> LearningObserver:

@@ -9,6 +9,7 @@ import numpy as np
 
 from control.allocation import Allocation
 from control.tracking import Estimate
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.unmodelled_torque import UnmodelledTorque
 from sim.faults.effects import ACTIVE, CENTRE_OF_MASS, INERTIA, LOCKED, OWN_MASS
 from sim.faults.timeline import Timeline
@@ -43,13 +44,13 @@ class BodyFeedback:
                 belief, member = estimator.summary(raw), estimator.names.index(self.source)
                 state = belief.mean[member]
                 modes = belief.modes.probabilities[member] if belief.modes is not None else None
-                q_read = reading[..., :4]
+                q_read = reading[..., ATTITUDE]
                 torques = getattr(belief.memory, "learned", None)
                 learned = torques[member] if torques is not None else None
         if state is None:
             raise ValueError(f"feedback {self.source!r} is no observer of this loop")
-        wheels = state[..., 7:] if state.shape[-1] == held.shape[-1] else held[..., 7:]  # as read, where no state
-        return Estimate(state[..., :4], state[..., 4:7], wheels, modes, q_read, learned)
+        wheels = state[..., WHEELS] if state.shape[-1] == held.shape[-1] else held[..., WHEELS]  # as read, where no state
+        return Estimate(state[..., ATTITUDE], state[..., RATE], wheels, modes, q_read, learned)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,7 @@ class BodyEffectors:
         applied = self.faults.given(tick, told) if self.wheels else self.faults.commanded(tick, told)
         push = self.disturbance_B[tick] if outside is None else self.disturbance_B[tick] + outside
         wheel, push = (applied, push) if self.wheels else (applied[:, :0], push + applied)
-        known = np.concatenate([command, held[..., 7:]], axis=-1)
+        known = np.concatenate([command, held[..., WHEELS]], axis=-1)
         return Given(wheel, push, known, shared, {"command": command, "applied": applied})
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from control.antenna_pointing import AXES
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE
 from models.plants.assembly import Assembly
 from sim.controllers.settings import ControlSettings, UnfalsifiedSettings
 from sim.loop.closed_loop import System
@@ -85,7 +86,7 @@ def _inertia(assembly: Assembly) -> Array:
 def _pointing(recording: Recording, loop: str) -> list[Metric]:
     """RMS of the second half of a run, phase by phase: the phases are the loops."""
     half = slice(recording.ticks // 2, None)
-    angle = quaternion.to_rotation_vector(recording.channels["truth/state"][half][..., :4])
+    angle = quaternion.to_rotation_vector(recording.channels["truth/state"][half][..., ATTITUDE])
     wanted = quaternion.to_rotation_vector(recording.channels["reference/q"][half])
     out = []
     for channel, axis in zip(CHANNELS, AXES, strict=True):

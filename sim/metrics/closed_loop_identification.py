@@ -13,6 +13,7 @@ from control.antenna_pointing import AXES, AntennaPointing
 from control.tracking import Target
 from control.unfalsified import UnfalsifiedController
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE
 from sim.controllers.tracking import TrackingLaw, target_channels
 from sim.loop.closed_loop import System, run_whole
 from sim.scenario.identification import IdentificationSettings
@@ -80,7 +81,7 @@ def identify(system: System, settings: IdentificationSettings, sines: Multisine,
     target = Target(quaternion.from_rotation_vector(turn), still, still)
     recording = run_whole(replace(system, law=TrackingLaw(fixed, target), references=target_channels(target)))
     heard = slice(settings.settling_periods * (ticks // (settings.settling_periods + settings.periods)), ticks)
-    angle = quaternion.to_rotation_vector(recording.channels["reading"][heard][..., :4])
+    angle = quaternion.to_rotation_vector(recording.channels["reading"][heard][..., ATTITUDE])
     torque = recording.channels["torque_B"][heard]
 
     def lines(values: Array, bins: NDArray[np.int64]) -> Array:

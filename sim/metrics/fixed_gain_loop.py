@@ -43,11 +43,12 @@ class FixedGainLoop:
         transition, push = self.channel.sampled(self.dt)
         waiting = self.delay_ticks
         loop = np.zeros((4 + waiting, 4 + waiting))
-        loop[:4, :4] = transition
+        inner = slice(0, len(transition))
+        loop[inner, inner] = transition
         if waiting:
             loop[:4, 4] = push
             loop[4:-1, 5:] = np.eye(waiting - 1)
-            loop[-1, :4] = -self.feedback
+            loop[-1, inner] = -self.feedback
         else:
             loop -= np.outer(push, self.feedback)
         return bool(np.max(np.abs(np.linalg.eigvals(loop))) <= 1.0 + _ON_THE_CIRCLE)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from models.attitude import quaternion
 from models.attitude.euler_angles import to_euler_313, wrapped_difference
+from models.dynamics.state_layout import ATTITUDE, MOTION, WHEELS
 from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
 from sim.metric import Metric
@@ -73,16 +74,16 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
     error, residual = _difference(mean, truth[..., :size]), _difference(reading[..., :size], mean)
     rows: list[Row] = []
     for kind, difference in (("truth", error), ("residual", residual)):
-        each = _rms(difference[..., :7], flags)
+        each = _rms(difference[..., MOTION], flags)
         rows += [
-            (f"rmse_{kind}_quaternion", phase, "1", np.sum(each[:, :4], axis=-1)),
+            (f"rmse_{kind}_quaternion", phase, "1", np.sum(each[:, ATTITUDE], axis=-1)),
             (f"rmse_{kind}_rate", phase, "rad/s", np.sum(each[:, 4:], axis=-1)),
             (f"rmse_{kind}_total", phase, "1, rad/s", np.sum(each, axis=-1)),
         ]
         rows += [(f"rmse_{kind}_{state}", phase, "1" if state[0] == "q" else "rad/s", each[:, i]) for i, state in enumerate(STATES)]
     if size > 7:
-        rows.append(("rmse_truth_wheel", phase, "rad/s", np.sum(_rms(error[..., 7:], flags), axis=-1)))
-    angle = quaternion.angle(mean[..., :4], truth[..., :4])
+        rows.append(("rmse_truth_wheel", phase, "rad/s", np.sum(_rms(error[..., WHEELS], flags), axis=-1)))
+    angle = quaternion.angle(mean[..., ATTITUDE], truth[..., ATTITUDE])
     rows.append(("attitude_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])))
     for part in ("nees", "nis"):
         rows.append((f"{part}_mean", phase, "1", _mean(_by_trial(recording.channels[f"{name}/{part}"]), flags)))
@@ -112,10 +113,10 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
 
 def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
     desired = recording.channels["reference/q"]
-    angle = quaternion.angle(truth[..., :4], desired[None])
+    angle = quaternion.angle(truth[..., ATTITUDE], desired[None])
     torque = _by_trial(recording.channels["torque_B"])
     effort = np.sqrt(_mean(np.sum(torque**2, axis=-1), flags))
-    command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., 7:])
+    command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., WHEELS])
     limit = assembly.wheel_torque_limit if assembly.wheel_joints else axis_limit
     saturated = np.any(command >= 0.999 * limit, axis=-1) | np.any(speed > 0.98 * assembly.wheel_speed_limit, axis=-1)
     missing = np.any(np.isnan(reading), axis=-1)
@@ -134,9 +135,9 @@ def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: st
 def _euler_angles(recording: Recording, phase: str, flags: Flags, truth: Array) -> list[Row]:
     """Tracking error by 3-1-3 Euler angles of the true attitude, each wrapped, as Hill et al. (2021, table II) judge it."""
     desired = to_euler_313(recording.channels["reference/q"])
-    apart = np.degrees(wrapped_difference(to_euler_313(truth[..., :4]), desired))
+    apart = np.degrees(wrapped_difference(to_euler_313(truth[..., ATTITUDE]), desired))
     each = _rms(apart, flags)
-    angle = quaternion.angle(truth[..., :4], recording.channels["reference/q"][None])
+    angle = quaternion.angle(truth[..., ATTITUDE], recording.channels["reference/q"][None])
     return [
         *((f"rmse_{name}_deg", phase, "deg", each[:, i]) for i, name in enumerate(("phi", "theta", "psi"))),
         ("rmse_body_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])),
@@ -163,7 +164,7 @@ def _by_trial(channel: Array) -> Array:
 
 def _difference(state: Array, reference: Array) -> Array:
     """Component by component, the quaternion of the sign nearer to the reference's; (..., n)."""
-    attitude = quaternion.align(state[..., :4], reference[..., :4]) - reference[..., :4]
+    attitude = quaternion.align(state[..., ATTITUDE], reference[..., ATTITUDE]) - reference[..., ATTITUDE]
     return np.concatenate([attitude, state[..., 4:] - reference[..., 4:]], axis=-1)
 
 

@@ -38,7 +38,7 @@ def rows(metrics: list[Metric]) -> list[Row]:
         values = metric.values[np.isfinite(metric.values)]
         if len(values):
             std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-            out.append(Row(*metric[:4], float(np.mean(values)), std, float(values.min()), float(values.max()), len(values)))
+            out.append(Row(*metric.key, float(np.mean(values)), std, float(values.min()), float(values.max()), len(values)))
     return out
 
 

@@ -39,7 +39,7 @@ def join(blocks: list[TrialBlock]) -> tuple[NDArray[np.int64], list[Metric], dic
     rows: dict[tuple[str, str, str, str], list[tuple[int, NDArray[np.floating]]]] = {}
     for number, block in enumerate(blocks):
         for metric in block.metrics:
-            rows.setdefault(metric[:4], []).append((number, metric.values))
+            rows.setdefault(metric.key, []).append((number, metric.values))
     metrics = []
     for key, parts in rows.items():
         found = dict(parts)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE
 from sim.loop.recording import Recording
 
 Array = NDArray[np.floating]
@@ -20,13 +21,13 @@ LOST_RAD = 0.1  # an estimate that is farther off in half of the last window fol
 def of_the_body(recording: Recording, phases: Phases) -> list[Row]:
     """Where the body comes to, and the extremes of its rate in each window that the run reaches."""
     truth, desired = recording.channels["truth/state"], recording.channels["reference/q"][:, None]
-    away, rate = _apart(truth[..., :4], desired), truth[..., 4:7]
+    away, rate = _apart(truth[..., ATTITUDE], desired), truth[..., RATE]
     slip = rate - recording.channels["reference/omega"][:, None]  # in D, which is B in the region
     size = np.linalg.norm(rate, axis=-1)
     rows: list[Row] = [
         ("time_to_region_s", "state", "s", _first(_inside(away, slip), recording.dt)),
         ("final_attitude", "all", "1", np.linalg.norm(away[-1], axis=-1)),
-        ("final_scalar", "all", "1", np.sum(truth[-1, :, :4] * desired[-1], axis=-1)),
+        ("final_scalar", "all", "1", np.sum(truth[-1, :, ATTITUDE] * desired[-1], axis=-1)),
     ]
     for name, span in _spans(recording, phases).items():
         rows += [("rate_least", name, "rad/s", np.min(size[span], axis=0)), ("rate_peak", name, "rad/s", np.max(size[span], axis=0))]
@@ -36,13 +37,13 @@ def of_the_body(recording: Recording, phases: Phases) -> list[Row]:
 def of_an_estimate(recording: Recording, observer: str, phases: Phases) -> list[Row]:
     """Errors of an observer against the truth in each window that the run reaches, and whether it lost the body."""
     truth, mean = recording.channels["truth/state"], recording.channels[f"{observer}/mean"]
-    attitude, rate = _apart(mean[..., :4], truth[..., :4]), mean[..., 4:7] - truth[..., 4:7]
+    attitude, rate = _apart(mean[..., ATTITUDE], truth[..., ATTITUDE]), mean[..., RATE] - truth[..., RATE]
     rows: list[Row] = [("time_to_region_s", "estimate", "s", _first(_inside(attitude, rate), recording.dt))]
     spans = _spans(recording, phases)
     for name, span in spans.items():
         rows += [("rms_attitude_error", name, "1", _rms(attitude[span])), ("rms_rate_error", name, "rad/s", _rms(rate[span]))]
     last = list(spans.values())[-1] if spans else slice(None)
-    angle = quaternion.angle(mean[last, :, :4], truth[last, :, :4])
+    angle = quaternion.angle(mean[last, :, ATTITUDE], truth[last, :, ATTITUDE])
     far = np.median(np.where(np.isfinite(angle), angle, np.inf), axis=0) > LOST_RAD
     rows.append(("lost", "all", "1", far.astype(float)))
     if (ess := recording.channels.get(f"{observer}/ess")) is not None:

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from models.dynamics.state_layout import ATTITUDE
 from sim.bad_input import BadInput
 from sim.loop.recording import Recording
 from sim.replay.log_columns import LogColumns, columns_of
@@ -161,7 +162,7 @@ def _checked_period(label: str, one: dict[str, Array], columns: LogColumns) -> f
             f"intervals may differ by {100 * UNEVEN:g} % (a tick without reading is a row of NaN)"
         )
     if columns.unit_quaternion:
-        length = np.sqrt(np.sum(np.stack([one[name] for name in columns.reading[:4]]) ** 2, axis=0))
+        length = np.sqrt(np.sum(np.stack([one[name] for name in columns.reading[ATTITUDE]]) ** 2, axis=0))
         if (np.abs(length - 1.0) > UNIT).any():
             row = int(np.flatnonzero(np.abs(length - 1.0) > UNIT)[0])
             raise BadInput(f"{label}: q1..q4 has length {length[row]:g} at {time[row]:g} s; needs a unit quaternion, scalar last")

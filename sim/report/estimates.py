@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from models.dynamics.state_layout import RATE
 from sim.report.axes import QUIET, Several, line, over, plain_log
 from sim.series.loops import Flight, moving_mean, moving_rms, window
 
@@ -14,7 +15,7 @@ def draw_rate_error(axes: Axes, several: Several) -> None:
     ticks = window(several)
     for flight in several:
         if flight.closing:
-            error = flight.channel(f"{flight.closing}/mean")[:, 4:7] - flight.channel("truth/state")[:, 4:7]
+            error = flight.channel(f"{flight.closing}/mean")[:, RATE] - flight.channel("truth/state")[:, RATE]
             axes.semilogy(flight.recording.time, moving_rms(1e3 * np.linalg.norm(error, axis=-1), ticks), **line(flight))
     axes.set(title=f"Rate error of the estimate, {over(several)}", ylabel="error [mrad/s]")
     if any(flight.closing for flight in several):

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from models.dynamics.state_layout import WHEELS
 from sim.loop.recording import Recording
 from sim.report.axes import QUIET, Several, line, over, plain_log, shade_faults
 from sim.report.estimates import counting, draw_estimate, draw_particles, draw_rate_error
@@ -105,7 +106,7 @@ def _wheel_speeds(axes: Axes, several: Several) -> None:
     """Of the loop that shares the torque out anew, if there is one."""
     weighted = (flight for flight in several if flight.scenario.law.allocation.type == "mode-weighted")
     flight = next(weighted, several[0])
-    for wheel, speed in enumerate(flight.channel("truth/state")[:, 7:].T):
+    for wheel, speed in enumerate(flight.channel("truth/state")[:, WHEELS].T):
         axes.plot(flight.recording.time, speed / RPM, color=WHEEL_COLORS[wheel % len(WHEEL_COLORS)], label=f"wheel {wheel + 1}")
     axes.set(title=f"Wheel speeds of {flight.name}", ylabel="speed [rpm]")
     axes.margins(y=0.2)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from sim.loop.recording import Recording
 from sim.series.palette import WHEEL_COLORS, on_light
 from sim.series.picture_style import SMOOTHING_S, STYLE
@@ -71,9 +72,9 @@ def _smooth(values: Array, recording: Recording) -> Array:
 
 
 def _attitude_error(axes: Axes, recording: Recording) -> None:
-    truth = recording.channels["truth/state"][:, 0, :4]
+    truth = recording.channels["truth/state"][:, 0, ATTITUDE]
     for observer in recording.observers:
-        angle = np.degrees(quaternion.angle(recording.channels[f"{observer}/mean"][:, 0, :4], truth))
+        angle = np.degrees(quaternion.angle(recording.channels[f"{observer}/mean"][:, 0, ATTITUDE], truth))
         axes.semilogy(recording.time, 1e3 * _smooth(angle, recording), label=observer, **_line(observer, recording))
     axes.set(title=f"Attitude error of the estimate (RMS over {SMOOTHING_S:g} s)", ylabel="error [mdeg]")
     _finish_log(axes)
@@ -81,9 +82,9 @@ def _attitude_error(axes: Axes, recording: Recording) -> None:
 
 
 def _rate_error(axes: Axes, recording: Recording) -> None:
-    truth = recording.channels["truth/state"][:, 0, 4:7]
+    truth = recording.channels["truth/state"][:, 0, RATE]
     for observer in recording.observers:
-        error = np.linalg.norm(recording.channels[f"{observer}/mean"][:, 0, 4:7] - truth, axis=-1)
+        error = np.linalg.norm(recording.channels[f"{observer}/mean"][:, 0, RATE] - truth, axis=-1)
         axes.semilogy(recording.time, 1e3 * _smooth(error, recording), label=observer, **_line(observer, recording))
     axes.set(title=f"Rate error of the estimate (RMS over {SMOOTHING_S:g} s)", ylabel="error [mrad/s]")
     _finish_log(axes)
@@ -109,7 +110,7 @@ def _statistics(axes: Axes, recording: Recording) -> None:
 
 
 def _tracking(axes: Axes, recording: Recording) -> None:
-    truth = recording.channels["truth/state"][:, 0, :4]
+    truth = recording.channels["truth/state"][:, 0, ATTITUDE]
     error = np.degrees(quaternion.error(truth, recording.channels["reference/q"]))
     for axis, color in enumerate(("#d1495b", "#2e8b57", "#3066be")):
         axes.plot(recording.time, error[:, axis], color=color, label="xyz"[axis])
@@ -119,7 +120,7 @@ def _tracking(axes: Axes, recording: Recording) -> None:
 
 
 def _wheel_speeds(axes: Axes, recording: Recording) -> None:
-    for wheel, speed in enumerate(recording.channels["truth/state"][:, 0, 7:].T):
+    for wheel, speed in enumerate(recording.channels["truth/state"][:, 0, WHEELS].T):
         axes.plot(recording.time, speed / RPM, color=WHEEL_COLORS[wheel % len(WHEEL_COLORS)], label=f"wheel {wheel + 1}")
     axes.set(title="Wheel speeds", ylabel="speed [rpm]")
     axes.margins(y=0.22)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
+from models.dynamics.state_layout import RATE
 from sim.report.axes import SYMBOLS, Several, line, over, plain_log
 from sim.series.loops import Flight, moving_rms, running_rms, window
 
@@ -51,7 +52,7 @@ def draw_angle(axes: Axes, several: Several) -> None:
 def draw_body_rate(axes: Axes, several: Several) -> None:
     """Length of the body's rate."""
     for flight in several:
-        rate = np.degrees(np.linalg.norm(flight.channel("truth/state")[:, 4:7], axis=-1))
+        rate = np.degrees(np.linalg.norm(flight.channel("truth/state")[:, RATE], axis=-1))
         axes.semilogy(flight.recording.time, np.maximum(rate, 1e-6), **line(flight))
     axes.set(title="Body rate (truth)", ylabel="length [deg/s]")
     plain_log(axes)

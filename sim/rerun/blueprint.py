@@ -17,7 +17,7 @@ _part = rr.escape_entity_path_part
 BACKGROUND = (17, 22, 30)
 UP = (0.0, 0.0, 1.0)
 BOTH_BODIES = {"position": (-0.385, -0.535, 1.31), "look_target": (0.125, -0.165, 1.115), "eye_up": UP}
-WHEELS = {"position": (-0.22, -0.15, 1.21), "look_target": (0.0, 0.0, 1.075), "eye_up": UP}
+WHEEL_VIEW = {"position": (-0.22, -0.15, 1.21), "look_target": (0.0, 0.0, 1.075), "eye_up": UP}
 
 
 class Camera(NamedTuple):
@@ -158,7 +158,7 @@ class Layout(Page):
             rrb.Vertical(
                 self._scene(
                     about,
-                    self.wheel_camera.of(WHEELS),
+                    self.wheel_camera.of(WHEEL_VIEW),
                     [*(f"{w}/**" for w in self.wheels), self.body, f"{self.body}/outline/**", "world/lab/**"],
                 ),
                 self._plot("Wheel momentum [mN m s]", "wheels/momentum"),

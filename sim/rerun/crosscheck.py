@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.plants.assembly import Assembly
 from sim.crosscheck.attribution import size_deg
 from sim.crosscheck.divergence import passes
@@ -90,7 +91,7 @@ def _with_ghost(found: CrossCheck) -> Recording:
 def _ghost(name: str, angles: Array, recording: Recording, assembly: Assembly, pivot: Array) -> Iterator[tuple[str, Any]]:
     """The wire frame of the model's body over the plant's, and the label of its solid ghost beside it; angles (rows,) deg between them."""
     part = rr.escape_entity_path_part(name)
-    q_BN = recording.channels[f"{name}/mean"][:, 0, :4]
+    q_BN = recording.channels[f"{name}/mean"][:, 0, ATTITUDE]
     yield f"world/magnified/{part}", rr.Transform3D.columns(translation=pivot, quaternion=to_lab(q_BN, lab_of_N(assembly)))
     labels = [f"{name}: {angle:.2f} deg off" for angle in angles]
     yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + size_of(assembly) * (GHOST_OFFSET + GHOST_LABEL), labels=labels)
@@ -111,14 +112,14 @@ def _curves(found: CrossCheck) -> Iterator[Curve]:
     yield Curve("decades/all", tuple(f"{q.label} [decades]" for q in found.quantities), EFFECTS[: len(found.quantities)], decades)
     yield Curve("decades/threshold", ("threshold [decades]",), (ALERT,), np.zeros((len(decades), 1)), 1.2)
     for who, states, colours in ((name, model, PALE_AXES), ("plant", plant, AXES)):
-        turn = np.degrees(quaternion.to_rotation_vector(states[:, :4]))
+        turn = np.degrees(quaternion.to_rotation_vector(states[:, ATTITUDE]))
         yield Curve(f"attitude/{who}", tuple(f"{who} {a} [deg]" for a in "xyz"), colours, turn)
-        yield Curve(f"rate/{who}", tuple(f"{who} {a} [deg/s]" for a in "xyz"), colours, np.degrees(states[:, 4:7]))
+        yield Curve(f"rate/{who}", tuple(f"{who} {a} [deg/s]" for a in "xyz"), colours, np.degrees(states[:, RATE]))
         width = 1.0 if who == name else 2.0
         wheels = tuple(wheel(i) for i in range(states.shape[1] - 7))
         if not wheels:
             continue
-        yield Curve(f"wheels/{who}", tuple(f"{who} RW{i + 1} [rpm]" for i in range(len(wheels))), wheels, states[:, 7:] / RPM, width)
+        yield Curve(f"wheels/{who}", tuple(f"{who} RW{i + 1} [rpm]" for i in range(len(wheels))), wheels, states[:, WHEELS] / RPM, width)
     sizes = size_deg(found.causes.contribution[:, :, :1])
     order = [i for i in np.argsort(-sizes[:, -1]) if sizes[i, -1] > 1e-3 * sizes[:, -1].max()]  # the others are in the table
     for place, i in enumerate(order):

@@ -12,10 +12,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, WHEELS
 from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
 from sim.plant.batch import Diagnostics, diagnose
-from sim.rerun.blueprint import TIMELINE, WHEELS, Camera, Layout, blueprint
+from sim.rerun.blueprint import TIMELINE, WHEEL_VIEW, Camera, Layout, blueprint
 from sim.rerun.geoms import rotate
 from sim.rerun.scene import (
     ABOVE,
@@ -50,12 +51,14 @@ class Scales(NamedTuple):
     @classmethod
     def of(cls, recording: Recording, assembly: Assembly, shown: str | None) -> Scales:
         """Round numbers that let the longest arrow and the largest error of a run just fit into the picture."""
-        wheels = recording.channels["truth/state"][..., 7:]
+        wheels = recording.channels["truth/state"][..., WHEELS]
         longest = float(np.max(np.abs(wheels), initial=0.0)) * assembly.wheel_inertia
         error = 0.0
         if shown:
             error = float(
-                np.max(quaternion.angle(recording.channels[f"{shown}/mean"][..., :4], recording.channels["truth/state"][..., :4]))
+                np.max(
+                    quaternion.angle(recording.channels[f"{shown}/mean"][..., ATTITUDE], recording.channels["truth/state"][..., ATTITUDE])
+                )
             )
         return cls(_round(0.3 * size_of(assembly) / max(longest, 1e-9)), _round(np.radians(10.0) / max(error, 1e-9)))
 
@@ -118,7 +121,7 @@ def layout(prefix: str, assembly: Assembly, thresholds: Thresholds, shown: str |
     body_camera, wheel_camera = Camera(), Camera()
     if not stands(assembly):
         hubs = [assembly.scene.body_pos[assembly.scene.joint(joint).bodyid[0]] for joint in assembly.wheel_joints]
-        aims = (assembly.scene.stat.center, CENTRE), (np.mean(hubs, axis=0), np.array(WHEELS["look_target"]))
+        aims = (assembly.scene.stat.center, CENTRE), (np.mean(hubs, axis=0), np.array(WHEEL_VIEW["look_target"]))
         body_camera, wheel_camera = (Camera(to - size_of(assembly) * home, size_of(assembly)) for to, home in aims)
     return Layout(
         prefix,
@@ -202,19 +205,19 @@ def motion(recording: Recording, truth: Diagnostics, assembly: Assembly, scales:
     yield "world/reference", rr.Transform3D.columns(translation=pivot, quaternion=to_lab(recording.channels["reference/q"], mount))
     for name in recording.observers:
         part = rr.escape_entity_path_part(name)
-        q_BN = quaternion.normalize(recording.channels[f"{name}/mean"][:, 0, :4])
+        q_BN = quaternion.normalize(recording.channels[f"{name}/mean"][:, 0, ATTITUDE])
         yield f"world/estimate/{part}", rr.Transform3D.columns(translation=pivot + beside, quaternion=to_lab(q_BN, mount))
-        error = scales.error * quaternion.error(q_BN, state[:, :4])
+        error = scales.error * quaternion.error(q_BN, state[:, ATTITUDE])
         length = np.linalg.norm(error, axis=-1, keepdims=True)
         error = error * np.minimum(1.0, 0.5 * np.pi / np.maximum(length, 1e-12))  # a lost filter shall not seem to come round again
-        magnified = quaternion.multiply(quaternion.from_rotation_vector(error), state[:, :4])
+        magnified = quaternion.multiply(quaternion.from_rotation_vector(error), state[:, ATTITUDE])
         yield f"world/magnified/{part}", rr.Transform3D.columns(translation=pivot, quaternion=to_lab(magnified, mount))
-        labels = [f"{name}: {a:.2f} mrad off" for a in 1e3 * quaternion.angle(q_BN, state[:, :4])]
+        labels = [f"{name}: {a:.2f} mrad off" for a in 1e3 * quaternion.angle(q_BN, state[:, ATTITUDE])]
         yield f"world/labels/{part}", rr.Points3D.columns(positions=pivot + beside + size * GHOST_LABEL, labels=labels)
     yield "world/trail", rr.Points3D.columns(positions=pivot + rotate(truth.quaternion[:, root], boresight(assembly)))
     total = rotate(np.broadcast_to(mount, (len(state), 4)), truth.momentum_N)
     yield "world/momentum", rr.Arrows3D.columns(origins=pivot + above, vectors=scales.momentum * total)
-    for joint, speed in zip(assembly.wheel_joints, state[:, 7:].T, strict=True):
+    for joint, speed in zip(assembly.wheel_joints, state[:, WHEELS].T, strict=True):
         place = assembly.scene.joint(joint)
         axis = assembly.scene.jnt_axis[place.id]
         arrow = scales.momentum * assembly.wheel_inertia * speed[:, None] * axis

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.sections import NonNegative, Positive, Section
 from sim import randomness
 from sim.faults.effects import AGE, BIAS, MISSING, NOISE
@@ -190,11 +191,11 @@ class Sensors:
         if (factor := faults.at(NOISE, tick)) is not None:
             sigma = [sigma[i] * factor[:, which, None] for i, which in enumerate((0, 1, 2, 0))]
         turn = sigma[0] * noise.attitude[tick]
-        rate = state[:, 4:7] + noise.gyro_bias[tick] + sigma[1] * noise.gyro[tick]
-        wheel = state[:, 7:] + sigma[2] * noise.wheel[tick]
+        rate = state[:, RATE] + noise.gyro_bias[tick] + sigma[1] * noise.gyro[tick]
+        wheel = state[:, WHEELS] + sigma[2] * noise.wheel[tick]
         if (bias := faults.at(BIAS, tick)) is not None:
             turn, rate, wheel = turn + bias[:, :3], rate + bias[:, 3:6], wheel + bias[:, 6:]
-        attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), state[:, :4])
+        attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), state[:, ATTITUDE])
         if noise.quaternion is not None:
             noisy = quaternion.normalize(attitude + sigma[3] * noise.quaternion[tick])
             attitude = np.where(s.quaternion_noise > 0.0, noisy, attitude)
@@ -232,6 +233,6 @@ def _look_back(past: Array, tick: int, age_ticks: Array) -> Array:
     share = (when - before)[:, None]
     trial = np.arange(past.shape[1])
     old, new = past[before, trial], past[np.minimum(before + 1, tick), trial]
-    turn = share * quaternion.error(new[:, :4], old[:, :4])
-    attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), old[:, :4])
+    turn = share * quaternion.error(new[:, ATTITUDE], old[:, ATTITUDE])
+    attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), old[:, ATTITUDE])
     return np.concatenate([attitude, old[:, 4:] + share * (new[:, 4:] - old[:, 4:])], axis=-1)

@@ -12,6 +12,7 @@ from control.antenna_pointing import AXES, AntennaPointing
 from control.falsification import DAMPING_PARABOLA, energy, values
 from control.unfalsified import UnfalsifiedController
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, MOTION, RATE
 from models.plants.assembly import Assembly
 from models.plants.register.entries import kind_of
 from sim.controllers.settings import UnfalsifiedSettings
@@ -97,7 +98,7 @@ class AntennaFlight(Flight):
     @cached_property
     def pointed(self) -> Array:
         """The channels' true angles, (ticks, channels) deg."""
-        return np.degrees(quaternion.to_rotation_vector(self.channel("truth/state")[:, :4])[:, AXES])
+        return np.degrees(quaternion.to_rotation_vector(self.channel("truth/state")[:, ATTITUDE])[:, AXES])
 
     @property
     def panels(self) -> dict[str, Array]:
@@ -112,8 +113,8 @@ class AntennaFlight(Flight):
         """Both tests of each channel after every tick, as the controller made them, (ticks, channels, 2, 3, 3); theta without unit."""
         law, source = self.law, self.scenario.law.feedback
         name = {"truth": "truth/state", "measurement": "reading"}.get(source, f"{source}/mean")
-        state = _held(self.channel(name)[:, :7])
-        angle, rate = quaternion.to_rotation_vector(state[:, :4])[:, AXES], state[:, 4:7][:, AXES]
+        state = _held(self.channel(name)[:, MOTION])
+        angle, rate = quaternion.to_rotation_vector(state[:, ATTITUDE])[:, AXES], state[:, RATE][:, AXES]
         torque = (np.radians(self.wanted) - angle - self.theta[..., 1] * rate) / self.theta[..., 0]  # `torque_B` may be a delayed one
         evidence, found = law.specification.start((len(AXES),)), np.empty((len(rate), len(AXES), 2, 3, 3))
         for k, heard in enumerate(zip(torque / law.stiffness, rate / law.pace, angle - angle[0], strict=True)):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
 from sim.plant.batch import Diagnostics
@@ -48,7 +49,7 @@ def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: 
     get = {name: array if name.startswith("reference/") else array[:, 0] for name, array in recording.channels.items()}
     state, wheels = get["truth/state"], [wheel(i) for i in range(len(assembly.wheel_joints))]
     colours = on_dark(recording.observers)
-    q_BN, omega, speed = state[:, :4], state[:, 4:7], state[:, 7:]
+    q_BN, omega, speed = state[:, ATTITUDE], state[:, RATE], state[:, WHEELS]
     target, numbered = get["reference/q"], tuple(f"RW{i + 1}" for i in range(speed.shape[1]))
 
     def xyz(what: str, unit: str) -> tuple[str, ...]:
@@ -74,19 +75,19 @@ def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: 
     yield Curve("physics/energy", ("energy [J]",), (TRUTH,), truth.energy[:, None])
     for name, colour in colours.items():
         part, mean = name, get[f"{name}/mean"]
-        q_est, one = quaternion.normalize(mean[:, :4]), name == shown
+        q_est, one = quaternion.normalize(mean[:, ATTITUDE]), name == shown
         error = 1e3 * quaternion.error(q_est, q_BN)
         width = 2.0 if one else 1.2
         yield Curve(f"attitude/error/{part}", (f"{name} [mrad]",), (colour,), np.linalg.norm(error, axis=-1, keepdims=True), width)
-        rate = np.degrees(mean[:, 4:7] - omega)
+        rate = np.degrees(mean[:, RATE] - omega)
         yield Curve(f"rate/error/{part}", (f"{name} [deg/s]",), (colour,), np.linalg.norm(rate, axis=-1, keepdims=True), width)
         if mean.shape[-1] > 7:  # else the wheel speeds are read, not estimated
-            spin = (mean[:, 7:] - speed) / RPM
+            spin = (mean[:, WHEELS] - speed) / RPM
             yield Curve(f"wheels/error/{part}", (f"{name} [rpm]",), (colour,), np.linalg.norm(spin, axis=-1, keepdims=True), width)
         if one:
             sigma = get.get(f"{name}/sigma")
             yield Curve("attitude/error_axes", xyz("", "mrad"), AXES, error, 1.2, None if sigma is None else 1e3 * sigma[:, :3])
-            yield Curve("rate/estimate", xyz("estimate ", "deg/s"), PALE_AXES, np.degrees(mean[:, 4:7]), 1.0)
+            yield Curve("rate/estimate", xyz("estimate ", "deg/s"), PALE_AXES, np.degrees(mean[:, RATE]), 1.0)
         yield Curve(f"consistency/nis/{part}", (f"NIS {name} [-]",), (colour,), get[f"{name}/nis"][:, None], 1.6, dots=True)
         if f"{name}/nees" in get:
             yield Curve(f"consistency/nees/{part}", (f"NEES {name} [-]",), (colour,), get[f"{name}/nees"][:, None], 1.2)

@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from control.gain_blending import blend
 from models.attitude import quaternion
 from models.attitude.euler_angles import to_euler_313, wrapped_difference
+from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from sim.estimators.settings import Imm, WheelMode
 from sim.loop.recording import Recording
 from sim.scenario.one_body import Scenario
@@ -60,7 +61,7 @@ class Flight:
     @cached_property
     def angle(self) -> Array:
         """How far the true attitude is from the reference, (ticks,) deg."""
-        return np.degrees(quaternion.angle(self.channel("truth/state")[:, :4], self.channel("reference/q")))
+        return np.degrees(quaternion.angle(self.channel("truth/state")[:, ATTITUDE], self.channel("reference/q")))
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -70,7 +71,7 @@ class Flight:
     @cached_property
     def errors(self) -> Array:
         """Tracking error of the true attitude, (ticks, 3) deg: by 3-1-3 Euler angles where the reference has rates of them, else in B."""
-        truth, desired = self.channel("truth/state")[:, :4], self.channel("reference/q")
+        truth, desired = self.channel("truth/state")[:, ATTITUDE], self.channel("reference/q")
         if isinstance(self.scenario.reference, EulerRates):
             return np.degrees(wrapped_difference(to_euler_313(truth), to_euler_313(desired)))
         return np.degrees(quaternion.error(truth, desired))
@@ -104,8 +105,8 @@ class Flight:
     def error_of_estimate(self) -> Array:
         """Attitude error (deg) and rate error (deg/s) of the observer that closes the loop, (ticks, 2)."""
         truth, mean = self.channel("truth/state"), self.channel(f"{self.closing}/mean")
-        attitude = quaternion.angle(quaternion.normalize(mean[:, :4]), truth[:, :4])
-        return np.degrees(np.stack([attitude, np.linalg.norm(mean[:, 4:7] - truth[:, 4:7], axis=-1)], axis=-1))
+        attitude = quaternion.angle(quaternion.normalize(mean[:, ATTITUDE]), truth[:, ATTITUDE])
+        return np.degrees(np.stack([attitude, np.linalg.norm(mean[:, RATE] - truth[:, RATE], axis=-1)], axis=-1))
 
 
 def _mode(fault: WheelMode) -> str:
@@ -180,7 +181,7 @@ def curves(several: tuple[Flight, ...], restarts: list[int], smooth: int) -> Ite
         yield from _among(f"control/mean_{label}", unit, {f: moving_mean(torque[f][:, axis], smooth) for f in several})
     yield from _among("control/effort", unit, {f: moving_rms(np.linalg.norm(torque[f], axis=-1), smooth) for f in several})
     for flight in several:
-        speed = flight.channel("truth/state")[:, 7:] / RPM
+        speed = flight.channel("truth/state")[:, WHEELS] / RPM
         numbers = range(speed.shape[1])
         if numbers:
             yield Curve(f"wheels/speed/{flight.name}", tuple(f"RW{i + 1} [rpm]" for i in numbers), tuple(map(wheel, numbers)), speed, 1.2)

@@ -9,6 +9,7 @@ from scipy.linalg import null_space
 from scipy.special import ellipj
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE
 from sim.crosscheck.bench import NO_TORQUE, Bench, Check, advance, column, without_spin
 from sim.crosscheck.open_loop import P
 from sim.plant.batch import Plant, diagnose
@@ -69,7 +70,7 @@ def conservation(bench: Bench[P], parameters: P) -> list[Check]:
     start = np.concatenate([quaternion.IDENTITY, bench.turning, np.resize(SPINNING, wheels)])
     idle = np.zeros(wheels or 3)
     exact = solve_ivp(lambda _, x: body.derivative(x, idle), (0, time[-1]), start, "DOP853", time, rtol=1e-11, atol=1e-12).y.T
-    apart = np.degrees(quaternion.angle(column(path, "q_BN")[:, 0], quaternion.normalize(exact[:, :4])))
+    apart = np.degrees(quaternion.angle(column(path, "q_BN")[:, 0], quaternion.normalize(exact[:, ATTITUDE])))
     what = "free, wheels spinning" if wheels else "free, tumbling"
     return [
         Check(what, "change of momentum, 100 s", drift, 1e-9, "1"),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE, RATE
 from models.plants.freeflyer import PLANT_KIND, FreeflyerParameters, compile_freeflyer
 from sim.crosscheck.bench import Bench
 from sim.crosscheck.divergence import passes
@@ -61,9 +62,9 @@ def error_kinematics(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG
     omega_d = np.array([0.0, 0.02, 0.05])  # rad/s in D
     turn = quaternion.from_rotation_vector(STEP_S * np.arange(steps + 1)[:, None] * omega_d)
     desired = quaternion.multiply(turn, quaternion.from_rotation_vector(np.array([0.0, 0.0, np.pi / 3])))
-    error = quaternion.multiply(path[:, :4], quaternion.inverse(desired))
+    error = quaternion.multiply(path[:, ATTITUDE], quaternion.inverse(desired))
     change = (error[2:] - error[:-2]) / (2.0 * STEP_S)
-    error, omega_b = error[1:-1], path[1:-1, 4:7]
+    error, omega_b = error[1:-1], path[1:-1, RATE]
     omega_e = omega_b - (quaternion.attitude_matrix(error) @ omega_d[:, None])[..., 0]
     right = _apart(change, error, omega_e)
     without_matrix = _apart(change, error, omega_b - omega_d)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from control.tracking import Controller, Estimate, Target
 from models.attitude import quaternion
+from models.dynamics.state_layout import ATTITUDE
 from models.dynamics.wheeled_body import WheeledBody
 from models.plants.assembly import ImpossibleInertia
 from models.plants.inertia import why_impossible
@@ -58,8 +59,12 @@ def inertia(flight: Flight, bare: Array) -> list[Failure]:
     refused = Failure("printed-inertia", "moment to others", _triangle(plant.inertia), ratio, 1.0, "1", np.nan, remark)
 
     ticks = min(len(bare), 1 + round(SECONDS / tick_s))
+
+    def _flown(dynamics: Dynamics) -> Array:
+        return integrate(dynamics, bare[0], flight.command[:ticks], tick_s, 10)
+
     off = [
-        np.degrees(quaternion.angle(integrate(m.dynamics, bare[0], flight.command[:ticks], tick_s, 10)[..., :4], bare[:ticks, :, :4]))
+        np.degrees(quaternion.angle(_flown(m.dynamics)[..., ATTITUDE], bare[:ticks, :, ATTITUDE]))
         for m in (exact(plant), printed_inertia(plant))
     ]
     when = float(np.min(np.nan_to_num(passes(off[1], APART_DEG, tick_s), nan=np.inf)))
@@ -112,7 +117,7 @@ def control_sign(flight: Flight, bare: Array) -> list[Failure]:  # noqa: ARG001
         assert isinstance(law, TrackingLaw)
         assert isinstance(law.controller, Controller)
         flown = run_whole(replace(system, law=replace(law, controller=_Opposite(law.controller)) if wrong else law)).channels["truth/state"]
-        upright = quaternion.attitude_matrix(flown[..., :4])[..., 2, 2]
+        upright = quaternion.attitude_matrix(flown[..., ATTITUDE])[..., 2, 2]
         tilt.append(np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))))
     fallen = passes(tilt[1], LOST_TILT_DEG, run_s.tick_s)
     return [

@@ -10,6 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
+from models.dynamics.state_layout import WHEELS
 from models.plants.assembly import Assembly
 from sim.plant.batch import diagnose
 from sim.rerun.blueprint import UP
@@ -124,7 +125,7 @@ def stage(several: tuple[Flight, ...], assembly: Assembly, outlook: Outlook = Ou
     }
     ticks, dt = max(f.recording.ticks for f in several), several[0].recording.dt
     stride = max(1, int(np.ceil(ticks / ROWS_MOST)), int(np.ceil(1.0 / (RATE_MOST_HZ * dt) - 1e-9)))
-    fastest = max(float(np.max(np.abs(f.channel("truth/state")[:, 7:]), initial=0.0)) for f in several)
+    fastest = max(float(np.max(np.abs(f.channel("truth/state")[:, WHEELS]), initial=0.0)) for f in several)
     longest = max(fastest * assembly.wheel_inertia, 1e-9)
     return Stage(assembly, places, stride, ARROW * extent / longest, outlook)
 
@@ -194,7 +195,7 @@ def motion(built: Stage, flight: Flight) -> Iterator[tuple[str, NDArray[np.int64
     labels = [f"{flight.name}: {angle:.2f} deg off" for angle in flight.angle[ticks]]
     above = pivot + ABOVE * built.extent * np.array(built.outlook.up)
     yield f"{root}/label", ticks, rr.Points3D.columns(positions=above, labels=labels)
-    for joint, speed in zip(assembly.wheel_joints, flight.channel("truth/state")[ticks, 7:].T, strict=True):
+    for joint, speed in zip(assembly.wheel_joints, flight.channel("truth/state")[ticks, WHEELS].T, strict=True):
         place = assembly.scene.joint(joint)
         arrow = built.momentum * assembly.wheel_inertia * speed[:, None] * assembly.scene.jnt_axis[place.id]
         yield f"{root}/{body_part(assembly, int(place.bodyid[0]))}/momentum", ticks, rr.Arrows3D.columns(vectors=arrow)
