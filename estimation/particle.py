@@ -121,7 +121,7 @@ class ParticleFilter:
         log_weights = np.full((*lead, self.particles), -np.log(self.particles))
         particles = self.space.displace(first.mean[..., None, :], errors)
         ess = np.full(lead, float(self.particles))
-        return ParticleBelief(*first[:7], particles, log_weights, ess, np.zeros(lead))
+        return ParticleBelief(*first[:-3], particles, log_weights, ess, np.zeros(lead))
 
     def step(self, belief: ParticleBelief, command: Array, measurement: Array, dt: float, draws: Draws) -> ParticleBelief:
         """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).

@@ -97,7 +97,7 @@ class RigidBody:
         single = self._motion(unit[:, MOTION], unit[:, MOTION.stop :], none)
         sums = unit[:, None, :] + unit[None, :, :]
         pairs = self._motion(sums[..., MOTION], sums[..., MOTION.stop :], none) - single[:, None, :] - single[None, :, :]
-        return np.ascontiguousarray(np.moveaxis(pairs[:7], -1, 0).reshape(49, 10))
+        return np.ascontiguousarray(np.moveaxis(pairs[MOTION], -1, 0).reshape(49, 10))
 
     @cached_property
     def _momentum_slope(self) -> Array:

@@ -24,6 +24,7 @@ from models.attitude.quaternion import IDENTITY
 from models.dynamics.measurement import MeasurementModel, WholeState
 from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
 from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.state_layout import MOTION
 from models.dynamics.vector_part_measurement import VectorPart
 from models.dynamics.wheel_faults import WheelFault
 from models.plants.register.entries import kind_of
@@ -198,7 +199,7 @@ def _single(
     noise_of_reading = np.diag(np.repeat(unit * r, counts))
     read: MeasurementModel = VectorPart(noise_of_reading) if by_vector else WholeState(noise_of_reading, space.attitude)
     if not models.speeds_are_states:
-        read = PartOfReading(read, slice(0, 7))  # wheel speeds are inputs
+        read = PartOfReading(read, MOTION)  # wheel speeds are inputs
     common: dict[str, Any] = {
         "process": models.believing(tuning.wheel_drag, fault),
         "process_noise": np.diag(np.repeat(unit * q, counts)),

@@ -82,6 +82,6 @@ def learning_observer(settings: Learning, parameters: BodyParameters, sensors: S
         beta=settings.beta,
         kappa=settings.kappa,
         fading=settings.fading.law,
-        measurement=PartOfReading(WholeState(reading_noise, "rotation"), slice(0, 7)),  # wheel speeds are inputs
+        measurement=PartOfReading(WholeState(reading_noise, "rotation"), MOTION),  # wheel speeds are inputs
     )
     return LearningObserver(joint, model)

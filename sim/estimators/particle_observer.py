@@ -95,4 +95,6 @@ class ParticleObserver:
 
 def _gaussian(belief: ParticleBelief) -> Belief:
     """The first two moments, and the particles as what is remembered."""
-    return Belief(*belief[:7], memory=ParticleMemory(belief, belief.ess))
+    b = belief
+    memory = ParticleMemory(b, b.ess)
+    return Belief(b.mean, b.covariance, b.innovation, b.nis, b.log_likelihood, b.dof, b.detection, memory=memory)

@@ -240,7 +240,7 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     """All parts of one loop of a scenario, for the given trial numbers."""
     loop, run, parameters, graph = scenario.loops[name], scenario.run, scenario.plant, scenario.communication()
     ticks, dt, agents = run.ticks, run.tick_s, parameters.agents
-    parts = replace(scenario.parts, gains=loop.law.gains[:4])
+    parts = replace(scenario.parts, gains=loop.law.gains[:-1])
     faults = schedule([scenario.faults] * len(trials), parts, run.seed, trials, ticks, dt)
     leader = scenario.leader.motion(dt * np.arange(ticks))
     plant = FormationPlant(assembly, len(trials))

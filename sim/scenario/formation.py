@@ -199,7 +199,7 @@ class FormationScenario(Section):
             self.wheels,
             messages=self.communication().ways,
             noise=self.reading_deviation,
-            gains=next(iter(self.loops.values())).law.gains[:4],
+            gains=next(iter(self.loops.values())).law.gains[:-1],
         )
 
     @property

@@ -17,7 +17,7 @@ from models.sections import NonNegative, Positive, Section
 from sim import randomness
 from sim.faults.effects import AGE, BIAS, MISSING, NOISE
 from sim.faults.timeline import Timeline
-from sim.plant.batch import Truth
+from sim.parts import Truth
 from sim.randomness import Stream
 from sim.units import RPM
 
