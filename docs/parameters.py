@@ -15,6 +15,7 @@ from models.plants.formation_nacs import FormationNacsParameters
 from models.plants.freeflyer import FreeflyerParameters
 from models.plants.monolithic import MonolithicParameters
 from models.plants.nacs import NacsParameters
+from models.plants.register.entries import KINDS
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
 
 
@@ -71,6 +72,14 @@ SENSOR_ROWS = "\n".join(
     f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} "
     f"| {PROVENANCE.get(name, 'chosen: off')} |"
     for name, info in SensorSettings.model_fields.items()
+)
+
+DESCRIBED = {"nacs", "freeflyer", "flexible", "monolithic", "formation", "formation-nacs", "agents"}  # with more than their parameters
+OTHERS = "".join(
+    f'## {kind.says[:1].upper()}{kind.says[1:]} (`type = "{name}"`)\n\n'
+    f"| key | value | unit | meaning | provenance |\n|---|---|---|---|---|\n{rows(kind.parameters())}\n\n"
+    for name, kind in KINDS.items()
+    if name not in DESCRIBED
 )
 
 MARKDOWN = f"""\
@@ -149,7 +158,7 @@ What each has beyond the parameters of the plant above, which are keys of `testb
 |---|---|---|---|---|
 {rows(AgentsParameters())}
 
-## Sensors
+{OTHERS}## Sensors
 
 | key | {" | ".join(f"`{name}`" for name in SENSOR_SETS)} | meaning | provenance of `bench` |
 |---|{"---|" * len(SENSOR_SETS)}---|---|
