@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sim.faults.events import Event, OfAgents, OfLinks, OfSensor, OfWheel
-from sim.faults.kinds import KINDS
+from sim.faults.events import KINDS, Event, OfAgents, OfLinks, OfSensor, OfWheel
+from sim.faults.kinds import GROUPS
 from sim.faults.parts import FAMILIES
 
 TARGETS = {OfWheel: "wheel", OfSensor: "sensor", OfAgents: "agents", OfLinks: "links"}
@@ -27,7 +27,8 @@ def keys(kind: type[Event]) -> Iterator[str]:
 
 def rows() -> Iterator[str]:
     """A row for every kind, by what it is of."""
-    for name, kind in sorted(KINDS.items(), key=lambda item: (item[1].__module__, list(KINDS).index(item[0]))):
+    groups = [group.__name__ for group in GROUPS]
+    for name, kind in sorted(KINDS.items(), key=lambda item: groups.index(item[1].__module__)):
         where = ["x" if family in kind.families else "" for family in FAMILIES]
         older = ", ".join(f"`{alias.kind}` ({alias.family})" for alias in kind.aliases)
         shapes = "all" if kind.shapes == Event.shapes else ", ".join(kind.shapes)

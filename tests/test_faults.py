@@ -11,7 +11,8 @@ from models.plants.inertia import tensor
 from sim.bad_input import BadInput
 from sim.faults import effects
 from sim.faults.effects import Effect, wave
-from sim.faults.kinds import KINDS, Event, Fault, aliases, renamed
+from sim.faults.events import KINDS, Event
+from sim.faults.kinds import Fault, aliases, renamed
 from sim.faults.parts import FAMILIES, Parts
 from sim.faults.timeline import Timeline, schedule
 from sim.randomness import Stream, generator

@@ -156,7 +156,7 @@ def test_the_dry_friction_of_a_bearing_that_seizes_slowly_grows_linearly():
     given, plant = [], system.plant
     plant.set_wheel_friction = lambda which, wheel, coulomb: given.append((wheel, which.all(), coulomb))
     run(system)
-    own, most = plant.wheel_coulomb, LOCKING * plant.assembly.wheel_torque_limit
+    own, most = plant.wheel_coulomb[:, 1], LOCKING * plant.assembly.wheel_torque_limit
     assert [(wheel, everyone) for wheel, everyone, _ in given] == [(1, True)] * 10  # nothing of it at first, nine parts, and back
     for k, (*_, coulomb) in enumerate(given[:-1], 1):
         np.testing.assert_allclose(coulomb, (1 - k / 10) * own + k / 10 * most, rtol=1e-13)

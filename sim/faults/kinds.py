@@ -10,16 +10,11 @@ from typing import Annotated, Any
 from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema
 
-from sim.faults.bodies import InertiaChange
-from sim.faults.commands import NoCommand
+from sim.faults import bodies, commands, links, pushes, readings, wheels
 from sim.faults.events import KINDS, Alias, Event
-from sim.faults.links import Cut
 from sim.faults.parts import FAMILIES, Parts
-from sim.faults.pushes import ExternalTorque
-from sim.faults.readings import DropOut
-from sim.faults.wheels import Float
 
-__all__ = ["KINDS", "Alias", "Cut", "DropOut", "Event", "ExternalTorque", "Fault", "Float", "InertiaChange", "NoCommand"]
+GROUPS = (wheels, commands, pushes, bodies, readings, links)  # which fill the register as they are imported
 
 
 class _AnyKind:

@@ -14,7 +14,8 @@ from models.plants.inertia import why_impossible
 from models.plants.register.entries import KINDS, kind_of
 from models.plants.register.kind import Family
 from models.plants.register.parameters import BodyParameters, Parameters, SeveralParameters
-from sim.faults.kinds import Fault, InertiaChange
+from sim.faults.bodies import InertiaChange
+from sim.faults.kinds import Fault
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Ordinal, Positive, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
-from sim.faults.kinds import Cut, Fault, InertiaChange, check_faults, renamed
+from sim.faults.bodies import InertiaChange
+from sim.faults.kinds import Fault, check_faults, renamed
+from sim.faults.links import Cut
 from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings
