@@ -17,6 +17,8 @@ from sim.metrics.closed_loop_identification import Bounds, IdentificationSetting
 from sim.metrics.trial_block import TrialBlock
 from sim.scenario.files import load
 
+pytestmark = pytest.mark.xdist_group("antenna")  # so that its flights are flown by one worker alone
+
 CHANNELS = ("azimuth", "elevation")
 Array = NDArray[np.floating]
 LAMBDA = 1.0

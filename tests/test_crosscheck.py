@@ -33,6 +33,8 @@ from sim.plant.batch import SimulationFailed, diagnose
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
 
+pytestmark = pytest.mark.xdist_group("crosscheck")  # so that its flights are flown by one worker alone
+
 QUICK = ("--trials", 1, "--set", "run.ticks=6", "--at", "0.5")
 DOCUMENT = Path(__file__).parents[1] / "docs" / "crosscheck.md"
 

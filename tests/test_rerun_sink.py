@@ -22,6 +22,8 @@ from sim.rerun.scene import GHOST_OFFSET
 from sim.rerun.sink import write_recording
 from sim.scenario.files import load
 
+pytestmark = pytest.mark.xdist_group("rerun_sink")  # so that its flights are flown by one worker alone
+
 TICKS = 60
 PUSH = {"kind": "external-torque", "torque_nm": 0.01, "start_s": 2.0, "duration_s": 1.0}
 
