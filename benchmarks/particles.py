@@ -22,7 +22,7 @@ from models.dynamics.planar_agent import PlanarAgent
 from models.dynamics.process import runge_kutta
 from models.plants.agents import AGENTS
 from models.plants.monolithic import MonolithicParameters
-from sim.estimators.consensus import Acted, learner
+from sim.estimators.consensus import AppliedControl, learner
 from sim.estimators.formation import agents_filter
 from sim.loop.consensus import NETWORK
 from sim.scenario.files import load
@@ -92,7 +92,7 @@ def consensus(name: str, random: np.random.Generator) -> Steps:
     scenario: Any = load("consensus/fault-free", {})
     learning = learner(name, scenario.loops[name], scenario.tuning, PlanarAgent(NETWORK, 1.0), 1, np.arange(TRIALS))
     readings = random.uniform(-1.0, 1.0, (TRIALS, AGENTS, 4)) + 1e-4 * random.standard_normal((STEPS, TRIALS, AGENTS, 4))
-    acted = Acted(np.zeros((TRIALS, AGENTS, 2)), np.zeros((TRIALS, AGENTS, 2)))
+    acted = AppliedControl(np.zeros((TRIALS, AGENTS, 2)), np.zeros((TRIALS, AGENTS, 2)))
     start = learning.initial(readings[0])
 
     def go() -> None:

@@ -30,5 +30,5 @@ def blend(gains: ArrayLike, probabilities: Array | None) -> Array:
     if len(each) != modes:
         raise ValueError(f"gains for {len(each)} modes, probabilities of {modes}: a law needs one gain a mode, or one number for all")
     columns = np.ascontiguousarray(each.reshape(modes, -1).T)  # (entries, modes)
-    mixed = np.sum(np.ascontiguousarray(probabilities)[..., None, :] * columns, axis=-1)  # no BLAS: the same bits in any company
+    mixed = np.sum(np.ascontiguousarray(probabilities)[..., None, :] * columns, axis=-1)  # no BLAS: the same bits whatever the batch
     return mixed.reshape((*probabilities.shape[:-1], *each.shape[1:]))

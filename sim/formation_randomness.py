@@ -1,4 +1,4 @@
-"""Random numbers of formations, drawn for each trial in blocks of ticks, so that trial i is the same trial in any company."""
+"""Random numbers of formations, drawn for each trial in blocks of ticks, so that trial i is the same trial whatever the batch."""
 
 from __future__ import annotations
 

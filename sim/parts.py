@@ -145,7 +145,7 @@ class Law(Protocol):
         ...
 
 
-class Given(NamedTuple):
+class ActuatorOutput(NamedTuple):
     """What allocation, drives and their faults make of a decision."""
 
     wheel: Array  # torques of motors on wheels, (trials, wheels) N m
@@ -158,11 +158,11 @@ class Given(NamedTuple):
 class Effectors(Protocol):
     """What stands between a law and the bodies."""
 
-    def rest(self) -> Given:
+    def rest(self) -> ActuatorOutput:
         """Nothing given yet."""
         ...
 
-    def give(self, tick: int, decision: Decision, estimate: Any, held: Array, before: Given, lost: Flags) -> Given:
+    def give(self, tick: int, decision: Decision, estimate: Any, held: Array, before: ActuatorOutput, lost: Flags) -> ActuatorOutput:
         """Carry out a decision; `before` is what was given the tick before, `lost` are trials (trials,) that are given up."""
         ...
 
@@ -185,7 +185,7 @@ class Snapshot(NamedTuple):
     messages: Any
     memory: Any  # of the law, before the decision
     decision: Decision
-    given: Given
+    given: ActuatorOutput
     lost: Flags  # (trials,) given up: nothing of them counts but the truth
     failed: Flags  # (trials,) broken down: not even the truth counts
 

@@ -1,4 +1,4 @@
-"""Random numbers: one stream for each purpose of each trial, so that trial i is the same trial in any company."""
+"""Random numbers: one stream for each purpose of each trial, so that trial i is the same trial whatever the batch."""
 
 from __future__ import annotations
 

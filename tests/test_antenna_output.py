@@ -168,10 +168,10 @@ def test_switches_are_told_and_shown_where_they_happen(delayed: Flown, recorded:
     instants, texts = column(recorded, "/trial_5/events", "TextLog:text")
     assert {text for _, _, text in told} <= set(texts[:, 0])
     assert (np.diff(instants) >= 0).all()
-    lanes = antenna_lanes(several)
+    state_timelines = antenna_lanes(several)
     worst = frozen.channel("control/score")[:, 1].max(axis=-1)
     expected = np.where(worst == 0.0, SHUT, np.where(worst >= 0.0, FAILED, PASSED))
-    assert lanes["frozen/elevation"] == [(k, str(s)) for k, s in enumerate(expected) if k == 0 or s != expected[k - 1]]
+    assert state_timelines["frozen/elevation"] == [(k, str(s)) for k, s in enumerate(expected) if k == 0 or s != expected[k - 1]]
     times, places = column(recorded, "/trial_5/pictures/plane/elevation/now", "Points2D:positions")
     assert times.tolist() == [0, *(20_000_000 * (adaptive.switches[1] + 1)).tolist()]
     log = np.log(adaptive.path(1))  # where the picture has logarithmic axes, pixels are proportional; its rows count downwards

@@ -161,7 +161,7 @@ def test_a_campaign_cannot_be_run_as_a_scenario(nacs, file: Path) -> None:
 # draws ------------------------------------------------------------------------------------------------------------------------
 
 
-def test_a_trial_draws_the_same_in_any_company(file: Path) -> None:
+def test_a_trial_draws_the_same_in_any_batch(file: Path) -> None:
     campaign = load(file)
     base = campaign.at(0)
     everyone, some = draw(campaign, base, np.arange(7)), draw(campaign, base, np.array([5, 2]))

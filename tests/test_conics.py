@@ -133,7 +133,7 @@ def test_the_quadratic_is_that_of_the_matrix():
     np.testing.assert_allclose(value(conic, p), [x @ (a + a.T) @ x - 2 * x @ b + c for x in p], atol=1e-12)
 
 
-def test_a_pair_has_the_same_bits_in_any_company_and_any_shape():
+def test_a_pair_has_the_same_bits_in_any_batch_and_any_shape():
     rng = np.random.default_rng(6)
     first, second = random_conics("ellipse", rng, 64), random_conics("hyperbola", rng, 64)
     everyone = intersections(first, second)

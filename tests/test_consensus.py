@@ -95,7 +95,7 @@ def test_faults_change_what_moves_the_agents():
 
 
 @pytest.mark.parametrize(("ticks", "companies"), [(15, (np.array([4, 5, 6]), np.arange(10))), (4, (np.arange(64),))])
-def test_a_trial_is_the_same_to_the_bit_in_any_company(ticks, companies):
+def test_a_trial_is_the_same_to_the_bit_in_any_batch(ticks, companies):
     settings = scenario("command-fault", ticks, faults=[{"kind": "command", "start_s": 0.01, "end_s": 0.1 if ticks > 10 else 0.03}])
     block = simulate(settings, np.array([5]), np.array([5]))
     alone, kept = block.metrics, block.recordings

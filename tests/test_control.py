@@ -133,7 +133,7 @@ def test_a_sinusoid_is_followed_with_the_lag_of_a_law_without_feedforward():
     assert 0.3 * lag < error.max() < 3 * lag  # three axes and the gyroscopic torque
 
 
-def test_feedback_has_the_same_bits_for_a_trial_in_any_company():
+def test_feedback_has_the_same_bits_for_a_trial_in_any_batch():
     rng = np.random.default_rng(3)
     state = np.concatenate([normalize(rng.standard_normal((1000, 4))), rng.standard_normal((1000, 7))], axis=1)
     target = Target(normalize(rng.standard_normal(4)), rng.standard_normal(3), np.zeros(3))

@@ -1,4 +1,4 @@
-"""Trial i is the same trial in any company: alone, in a batch of any size, in any process."""
+"""Trial i is the same trial whatever the batch: alone, in a batch of any size, in any process."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_a_wrapped_difference_is_the_difference_but_for_whole_turns(left, right)
     np.testing.assert_allclose(turned, np.round(turned), atol=1e-12)
 
 
-def test_any_leading_axes_pass_through_and_a_row_has_the_same_bits_in_any_company():
+def test_any_leading_axes_pass_through_and_a_row_has_the_same_bits_in_any_batch():
     rng = np.random.default_rng(4)
     q, angles = normalize(rng.standard_normal((1000, 4))), rng.uniform(0.1, 3.0, (1000, 3))
     for function, rows in ((to_euler_313, q), (from_euler_313, angles)):

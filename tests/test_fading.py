@@ -136,7 +136,7 @@ def test_the_vector_part_alone_may_lock_onto_a_mirror_image():
 
 
 @pytest.mark.parametrize("size", [1, 3, 10])
-def test_a_trial_has_the_same_bits_in_any_company(size):
+def test_a_trial_has_the_same_bits_in_any_batch(size):
     one, rng, trials = adaptive(StrongTracking(), MatchedNoise()), np.random.default_rng(13), 64
     reading = np.full((12, trials, 7), np.nan)
     reading[..., :4] = START[:4] + 1e-3 * rng.standard_normal((12, trials, 4))

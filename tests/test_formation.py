@@ -242,7 +242,7 @@ def test_a_cut_link_counts_nothing_in_both_directions():
 # loops ----------------------------------------------------------------------------------------------------------------------
 
 
-def test_a_trial_is_the_same_to_the_bit_in_any_company():
+def test_a_trial_is_the_same_to_the_bit_in_any_batch():
     loops = {"aukf": {"feedback": "aukf", "watching": ["pf", "poor"]}}
     lossy = [{"kind": "message-loss", "start_s": 0.0, "end_s": 1.0, "probability": 0.3}]
     described = scenario(ticks=40, trials=10, observers=OBSERVERS, loops=loops, faults=lossy)

@@ -228,7 +228,7 @@ def test_tachometers_read_the_momentum_of_the_wheels():
 
 
 @pytest.mark.parametrize("loop", ["truth", "aukf", "pf"])
-def test_a_trial_has_the_same_bits_in_any_company(loop):
+def test_a_trial_has_the_same_bits_in_any_batch(loop):
     observers = {"aukf": {"type": "aukf"}, "pf": {"type": "pf", "particles": 20}}
     lossy = [{"kind": "message-loss", "start_s": 0.05, "end_s": 0.2, "probability": 0.5}]
     described = scenario(ticks=25, observers=observers, loops={loop: {"feedback": loop}}, faults=lossy)

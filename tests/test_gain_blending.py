@@ -61,7 +61,7 @@ def test_gains_that_are_not_one_a_mode_are_refused(gains):
 
 
 @pytest.mark.parametrize("modes", [3, 9])  # nine: where a sum may be taken in another order
-def test_a_trial_has_the_same_bits_in_any_company_and_layout(modes):
+def test_a_trial_has_the_same_bits_in_any_batch_and_layout(modes):
     rng = np.random.default_rng(3)
     mu, gains = rng.dirichlet(np.ones(modes), 1000), rng.random((modes, 3, 3))
     everyone = blend(gains, mu)

@@ -313,7 +313,7 @@ def test_filters_that_share_their_model_and_differ_in_noise_are_stepped_as_one()
 
 
 @every_kind
-def test_a_trial_is_the_same_to_the_bit_in_any_company(settings):
+def test_a_trial_is_the_same_to_the_bit_in_any_batch(settings):
     _, readings, command = flight(64, 20, np.arange(64) % 3, at=8)
     readings[5, 7], readings[8:, 3, 4:] = np.nan, np.nan
     ours = wheel_imm(3, **settings)

@@ -269,7 +269,7 @@ def test_the_learned_term_makes_the_loop_track_better() -> None:
     assert np.all(found["learned", "learned_torque_relative", "0-30"] < 0.25)
 
 
-def test_a_trial_of_the_loop_is_the_same_in_any_company() -> None:
+def test_a_trial_of_the_loop_is_the_same_in_any_batch() -> None:
     scenario = single("learned", 12)
     alone, among = (run(build(scenario, trials)) for trials in (np.array([2]), np.arange(4)))
     assert alone.channels["network/learned"].any()

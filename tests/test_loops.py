@@ -107,7 +107,7 @@ def test_loops_share_their_trials_and_a_loop_is_the_same_alone() -> None:
     assert many["pd-imm"].occurrences
 
 
-def test_a_trial_is_the_same_in_any_company() -> None:
+def test_a_trial_is_the_same_in_any_batch() -> None:
     scenario = load("wmap/smc-imm", SHORT)
     alone, among = (simulate(scenario, trials, trials).recordings["smc-imm"] for trials in (np.array([2]), np.arange(4)))
     for channel, values in alone.channels.items():

@@ -29,8 +29,8 @@ from sim.rerun.loops.scene import stage
 from sim.rerun.sink import write_recording
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
-from sim.series.events import lanes
-from sim.series.line_styles import looks
+from sim.series.events import state_timelines
+from sim.series.line_styles import line_styles
 from sim.series.loops import flights, running_rms
 
 TICKS, ONSET = 40, 20
@@ -182,7 +182,7 @@ def test_the_fault_and_what_is_believed_of_it_are_told(probe: Flown) -> None:
     assert states[:, 0].tolist() == ["none", "wheel 1 floats"]
     believed = np.argmax(probe.channel("pd-imm", "imm/modes"), axis=-1)
     names = np.array(["healthy", "wheel 1 floats"])[believed]
-    assert lanes(flights(probe.scenario, probe.recordings))["pd-imm"] == [
+    assert state_timelines(flights(probe.scenario, probe.recordings))["pd-imm"] == [
         (k, name) for k, name in enumerate(names) if k == 0 or name != names[k - 1]
     ]
     texts = column(probe.path, "/events", "TextLog:text")[1][:, 0].tolist()
@@ -211,7 +211,7 @@ def test_what_a_failed_run_leaves_can_be_drawn(probe: Flown, tmp_path: Path) -> 
 
 
 def test_loops_look_different_and_alike_where_they_are_alike(probe: Flown) -> None:
-    found = looks(probe.scenario)
+    found = line_styles(probe.scenario)
     for colour in ("on_light", "on_dark"):
         assert len({getattr(look, colour) for look in found.values()}) == len(found)
     assert found["pd-imm-realloc"].dashes == found["smc-imm-realloc"].dashes != found["pd-imm"].dashes

@@ -592,7 +592,7 @@ def test_what_never_reads_might_as_well_not_be_there(kind):
 
 @every_filter
 @pytest.mark.parametrize("size", [1, 3, 10])
-def test_a_trial_is_the_same_to_the_bit_in_any_company(kind, size):
+def test_a_trial_is_the_same_to_the_bit_in_any_batch(kind, size):
     model = StackedMeasurement((tracker(), SUN, GYRO, WHEELS))
     readings, command = flight(model, 6, 64)
     readings[1::2, :, :4], readings[3, ::2, 4:7], readings[4, 5] = np.nan, np.nan, np.nan

@@ -99,7 +99,7 @@ class Bench:
         return ParticleFilter(process_noise=ConstantNoise.of(noise), particles=8000, **common)
 
 
-class Watched(NamedTuple):
+class FilterStep(NamedTuple):
     """What a filter made of a flight, (ticks - 1, trials, ...)."""
 
     nees: Array
@@ -109,7 +109,9 @@ class Watched(NamedTuple):
     covariance: Array
 
 
-def watch(bench: Bench, filter_: str, kind: str, ticks: int, trials: int, spread: Array, gyro: float = 1.7e-3, seed: int = 21) -> Watched:
+def watch(
+    bench: Bench, filter_: str, kind: str, ticks: int, trials: int, spread: Array, gyro: float = 1.7e-3, seed: int = 21
+) -> FilterStep:
     """A filter over a flight; of directions, which tell the attitude only near one that is known, from a prior with deviations `spread`."""
     truth, readings, command = bench.flight(kind, ticks, trials, seed)
     rng, e = np.random.default_rng(seed + 1), 6 + bench.wheels
@@ -130,7 +132,7 @@ def watch(bench: Bench, filter_: str, kind: str, ticks: int, trials: int, spread
         belief = ours.step(belief, command[k - 1], readings[k], TICK, *numbers())
         error = SPACE.difference(truth[k], belief.mean)
         kept.append((normalized_squared(error, belief.covariance), belief.nis, belief.dof, error, belief.covariance))
-    return Watched(*(np.array(part) for part in zip(*kept, strict=True)))
+    return FilterStep(*(np.array(part) for part in zip(*kept, strict=True)))
 
 
 CASES = {"mekf": (Bench(), 101, 200), "ukf": (Bench(), 101, 200), "pf": (Bench(1, True), 16, 24)}

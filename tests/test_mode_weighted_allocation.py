@@ -111,7 +111,7 @@ def test_silence_about_the_modes_changes_no_memory():
     np.testing.assert_array_equal(memory, [0.0, 1.0, 0.0])
 
 
-def test_every_trial_latches_by_itself_and_has_the_same_bits_in_any_company():
+def test_every_trial_latches_by_itself_and_has_the_same_bits_in_any_batch():
     modes = np.random.default_rng(2).dirichlet([0.1, 0.1, 0.1], (8, 200))  # eight ticks, mostly certain of something
 
     def fly(which) -> tuple[np.ndarray, np.ndarray]:

@@ -95,7 +95,7 @@ def test_the_jacobian_is_that_of_finite_differences():
         np.testing.assert_allclose(jacobian[..., i], slope, rtol=2e-6, atol=2e-6)
 
 
-def test_an_agent_is_the_same_in_any_company():
+def test_an_agent_is_the_same_in_any_batch():
     random = np.random.default_rng(6)
     process = FormationParameters().process(believed=True)
     state, torque = random.normal(size=(64, 6, 6)), random.normal(size=(64, 6, 3))

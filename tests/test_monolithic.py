@@ -133,7 +133,7 @@ def test_another_inertia_leaves_the_rates_and_changes_the_momentum():
     np.testing.assert_allclose(again, np.broadcast_to(again[0], again.shape), atol=1e-8)
 
 
-def test_trials_can_be_of_different_inertia_and_are_the_same_in_any_company():
+def test_trials_can_be_of_different_inertia_and_are_the_same_in_any_batch():
     rng = np.random.default_rng(2)
     tensors = INERTIA * (1 + 0.1 * rng.standard_normal((10, 1, 1)))
     nothing = np.zeros(10)

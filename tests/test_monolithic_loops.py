@@ -147,7 +147,7 @@ def test_a_late_reading_shows_the_past():
 
 
 @pytest.mark.parametrize("loop", FILTERS)
-def test_a_trial_is_the_same_in_any_company(loop: str):
+def test_a_trial_is_the_same_in_any_batch(loop: str):
     alone, among = (fly(loop, 60, trials)[0].channels for trials in ((2,), range(4)))
     for name, channel in alone.items():
         if not name.startswith("reference/"):

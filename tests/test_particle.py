@@ -260,7 +260,7 @@ def test_roughening_moves_copies_apart_and_in_the_resampled_trials_alone():
     ],
     ids=["multinomial", "residual", "stratified", "systematic", "multiplicative"],
 )
-def test_a_trial_has_the_same_bits_in_any_company(settings, size):
+def test_a_trial_has_the_same_bits_in_any_batch(settings, size):
     if isinstance(settings.get("space"), Multiplicative):
         settings = settings | {"prior_variance": np.repeat([1.0, 1e-6], 3)}
     filter_, rng, trials = body_filter(**settings), np.random.default_rng(13), 64

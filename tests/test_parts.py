@@ -105,7 +105,7 @@ def test_what_is_no_draw_is_refused(wrong):
 
 
 @pytest.mark.parametrize("draw", [randomness.normals, randomness.uniforms])
-def test_a_trial_gets_the_same_numbers_in_any_company(draw):
+def test_a_trial_gets_the_same_numbers_in_any_batch(draw):
     everyone = draw(7, np.arange(10), Stream.GYRO, 50, 3)
     np.testing.assert_array_equal(draw(7, np.array([3]), Stream.GYRO, 50, 3)[:, 0], everyone[:, 3])
     np.testing.assert_array_equal(draw(7, np.array([9, 0, 3]), Stream.GYRO, 50, 3), everyone[:, [9, 0, 3]])

@@ -1,4 +1,4 @@
-"""Attitude mathematics: group axioms, SciPy as an oracle, and the same bits for a row in any company."""
+"""Attitude mathematics: group axioms, SciPy as an oracle, and the same bits for a row whatever the batch."""
 
 import numpy as np
 import pytest
@@ -184,7 +184,7 @@ def test_any_leading_axes_pass_through(name, lead):
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("size", [1, 3, 10, 64])
-def test_a_row_has_the_same_bits_in_any_company(name, size):
+def test_a_row_has_the_same_bits_in_any_batch(name, size):
     function, inputs = getattr(qt, name), rows(FUNCTIONS[name][0], 1000)
     everyone = function(*inputs)
     for first in range(0, 1000 - size, 97):

@@ -202,7 +202,7 @@ def test_given_its_parameters_the_motion_is_an_unscented_filter():
 
 @pytest.mark.parametrize("proposal", ["optimal", "prior"])
 @pytest.mark.parametrize("sampled", ["state", "parameters"])
-def test_a_trial_is_the_same_to_the_bit_in_any_company(sampled, proposal):
+def test_a_trial_is_the_same_to_the_bit_in_any_batch(sampled, proposal):
     filter, rng = marginalised(sampled, proposal=proposal), np.random.default_rng(9)
     reading, command = 0.3 * rng.standard_normal((6, 10, 2, 4)), rng.standard_normal((6, 10, 2, 2))
     numbers = [particles_of(10, 2, filter.size, k) for k in range(7)]

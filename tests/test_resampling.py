@@ -1,4 +1,4 @@
-"""How often particles are copied: the expected counts of the textbook, their variances, and the same copies in any company."""
+"""How often particles are copied: the expected counts of the textbook, their variances, and the same copies whatever the batch."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_equal_weights_and_a_single_heavy_particle_leave_no_choice(scheme):
 
 @every_scheme
 @pytest.mark.parametrize("size", [1, 3, 10, 64])
-def test_a_trial_keeps_the_same_particles_in_any_company(scheme, size):
+def test_a_trial_keeps_the_same_particles_in_any_batch(scheme, size):
     rng = np.random.default_rng(11)
     weights, uniforms = rng.dirichlet(np.full(101, 0.1), 1000), rng.random((1000, 101))
     everyone = scheme(weights, uniforms)

@@ -94,7 +94,7 @@ def test_momentum_in_inertial_space_is_conserved_without_torque():
 
 @every_body
 @pytest.mark.parametrize("size", [1, 3, 10, 64])
-def test_a_trial_has_the_same_bits_in_any_company_with_sigma_points_too(body, size):
+def test_a_trial_has_the_same_bits_in_any_batch_with_sigma_points_too(body, size):
     state, command = states(body, 300, 15)
     command = command[:, :1]
     for function in (body.derivative, lambda x, u: body.linearize(x, u).jacobian, lambda x, u: predict(body, x, u, 0.1).transition):

@@ -210,7 +210,7 @@ def test_the_gains_are_those_of_the_modes_blended(reaching):
 @pytest.mark.parametrize(
     "law", [SlidingMode((0.15, 1.5), (0.15, 2.0), BODY), AxisLimited(ProportionalDerivative((70.0, 100.0), (100.0, 135.0), BODY), 20.0)]
 )
-def test_a_trial_has_the_same_bits_in_any_company(law):
+def test_a_trial_has_the_same_bits_in_any_batch(law):
     now = situations(1000)
     told = now.estimate._replace(mode_probabilities=np.random.default_rng(1).dirichlet(np.ones(2), 1000))
 

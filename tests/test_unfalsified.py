@@ -345,7 +345,7 @@ def test_controllers_that_meet_the_specification_by_five_percent_are_never_falsi
     assert np.all(values(tests[:, None], good) < 0.0)
 
 
-def test_a_trial_has_the_same_bits_in_any_company():
+def test_a_trial_has_the_same_bits_in_any_batch():
     bed, rng = FULL, np.random.default_rng(8)
     controller = bed.controller(gate=2.0)
     readings = rng.standard_normal((120, 2, 16, 2)) * [[[1e-3]], [[1e-4]]]

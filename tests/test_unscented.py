@@ -269,7 +269,7 @@ def test_far_from_linear_the_unscented_prediction_is_nearer_to_the_truth():
 
 
 @every_kind
-def test_a_trial_is_the_same_to_the_bit_in_any_company(observer):
+def test_a_trial_is_the_same_to_the_bit_in_any_batch(observer):
     _, readings, command = flight(64, 20)
     readings[5, 7], readings[8:, 3, 4:] = np.nan, np.nan
     among = watch(observer, readings, command)

@@ -174,7 +174,7 @@ def test_the_printed_inertia_runs_in_the_analytic_model_and_no_rigid_body_has_it
 
 @every_kind
 @pytest.mark.parametrize("size", [1, 3, 10, 64])
-def test_a_state_has_the_same_derivative_bit_for_bit_in_any_company(body, size):
+def test_a_state_has_the_same_derivative_bit_for_bit_in_any_batch(body, size):
     state, motor = states(1000, 100.0)
     everyone = [*body.linearize(state, motor), *predict(body, state, motor, 0.1)]
     for first in (0, 137, 900):

@@ -12,7 +12,7 @@ from sim.bad_input import BadInput
 from sim.campaign.draws import check
 from sim.campaign.settings import Campaign
 from sim.scenario.one_body import Scenario
-from sim.scenario.validation import first_complaint
+from sim.scenario.validation import first_error
 
 CAMPAIGNS = Path(__file__).with_name("campaigns")
 
@@ -36,7 +36,7 @@ def load(path: Path) -> Campaign:
     try:
         campaign = Campaign.model_validate(data)
     except ValidationError as invalid:
-        raise BadInput(f"{path}: {first_complaint(invalid, data, Scenario)}") from None
+        raise BadInput(f"{path}: {first_error(invalid, data, Scenario)}") from None
     for point in range(len(campaign.points)):
         try:
             base = campaign.at(point)

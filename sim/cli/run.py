@@ -17,7 +17,7 @@ from sim.campaign.draws import own
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign
-from sim.cli.run_output import LOG, RECORDING, REPORT, Ended, numbers_of
+from sim.cli.run_output import LOG, RECORDING, REPORT, RunResult, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
 from sim.loop.recorder import Recorder
@@ -91,9 +91,9 @@ def run(
         recordings = next((block.recordings for block in blocks if block.recordings), {})
     wall = time.perf_counter() - started
     reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
-    ended = Ended(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped)
+    ended = RunResult(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped)
     if not len(finished) and not recordings:
-        ended.give_up()
+        ended.exit_without_result()
     ended.write_figures(target, overwrite, **user_code.described)
     if recordings:
         _draw(target, name, loaded, user_code, recordings)
@@ -102,10 +102,10 @@ def run(
 
         export(target / LOG, recordings, loaded, name)
     if statistics := rows(ended.metrics):
-        ended.say_what()
+        ended.print_header()
         for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
             out.print(table)
-    ended.say_where(target)
+    ended.print_files(target)
 
 
 def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream | LiveCurves:

@@ -22,7 +22,7 @@ SUMMARY, TRIALS = "summary.json", "trials.parquet"
 
 
 @dataclass(frozen=True, eq=False)
-class Ended:
+class RunResult:
     """A run that is over, wholly or in part.
 
     Attributes:
@@ -58,7 +58,7 @@ class Ended:
         others = len(self.failures) - 1
         return self.failures[0] + (f"; and {others} more trial{'s' if others > 1 else ''}" if others else "")
 
-    def give_up(self) -> NoReturn:
+    def exit_without_result(self) -> NoReturn:
         """Leave the command without a result."""
         err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self._first}")
         raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
@@ -73,11 +73,11 @@ class Ended:
         write_summary(folder / SUMMARY, self.name, seed, len(self.trials), self.wall_s, self.simulated_s, self.metrics, **described)
         write_trials(folder / TRIALS, self.name, seed, self.trials, self.metrics)
 
-    def say_what(self) -> None:
+    def print_header(self) -> None:
         """Head of the tables."""
         out.print(f"[bold]{self.scenario.title}[/]\n[dim]{self.scenario.source}[/]\n")
 
-    def say_where(self, folder: Path) -> None:
+    def print_files(self, folder: Path) -> None:
         """What it took and where everything is; leaves the command if not all trials were finished."""
         pace = self.simulated_s / self.wall_s
         out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")

@@ -25,14 +25,14 @@ TACHOMETER = SENSOR_SETS["bench"]  # how the drives' monitor outputs are read
 _UNUSED = Estimate(np.zeros(4), np.zeros(3), np.zeros(0))  # sharing by least squares looks at nobody's state
 
 
-class Stored(NamedTuple):
+class WheelMomentum(NamedTuple):
     """Momentum that wheels hold relative to their body, (trials, agents, 3) N m s in B."""
 
     true: Array
     read: Array  # from tachometers
 
 
-class Given(NamedTuple):
+class ActuatorOutput(NamedTuple):
     """What is done to a plant for a tick."""
 
     wheel: Array  # (trials, agents wheels) N m on wheels
@@ -42,11 +42,11 @@ class Given(NamedTuple):
 class Effectors(Protocol):
     """What stands between a law and the bodies."""
 
-    def stored(self, truth: AgentsTruth) -> Stored | None:
+    def stored(self, truth: AgentsTruth) -> WheelMomentum | None:
         """What wheels hold at a tick; None without wheels. To be called once a tick."""
         ...
 
-    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:
+    def give(self, tick: int, torque: Array, outside: Array | float) -> ActuatorOutput:
         """Carry out a demanded torque, (trials, agents, 3) N m, beside one from `outside`, N m. To be called once a tick."""
         ...
 
@@ -58,9 +58,9 @@ class DirectTorques:
         """There are no wheels."""
         return
 
-    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:  # noqa: ARG002
+    def give(self, tick: int, torque: Array, outside: Array | float) -> ActuatorOutput:  # noqa: ARG002
         """The torque as it is."""
-        return Given(np.zeros((len(torque), 0)), torque + outside)
+        return ActuatorOutput(np.zeros((len(torque), 0)), torque + outside)
 
 
 class Drives:
@@ -83,23 +83,23 @@ class Drives:
         self._fade = float(np.exp(-dt / air.correlation_s))
         self._air: Array | None = None
 
-    def stored(self, truth: AgentsTruth) -> Stored:
+    def stored(self, truth: AgentsTruth) -> WheelMomentum:
         """Of the speeds that wheels have, and that their drives' monitor outputs say."""
         wheels = self._assembly.wheel_axes.shape[1]
         speed = truth.omega_wheel.reshape(len(truth.omega_wheel), -1, wheels)
         step, most = TACHOMETER.wheel_step_rad_s, TACHOMETER.wheel_full_scale_rad_s
         read = np.clip(step * np.round((speed + TACHOMETER.wheel_noise_rad_s * self._misread.tick()) / step), -most, most)
-        return Stored(self._momentum(speed), self._momentum(read))
+        return WheelMomentum(self._momentum(speed), self._momentum(read))
 
     def _momentum(self, speed: Array) -> Array:
         return self._assembly.wheel_inertia * (self._assembly.wheel_axes @ speed[..., None])[..., 0]
 
-    def give(self, tick: int, torque: Array, outside: Array | float) -> Given:
+    def give(self, tick: int, torque: Array, outside: Array | float) -> ActuatorOutput:
         """Torques of motors on wheels; the bodies feel their reaction."""
         shared, _ = self._allocation.step(torque, _UNUSED, self._allocation.start(()))
         told = self._step * np.round(shared / self._step) if self._step else shared
         wheel = self._faults.given(tick, told + self._errors.torque_noise_nm * self._noise.tick())
-        return Given(wheel.reshape(len(wheel), -1), outside + self._blow())
+        return ActuatorOutput(wheel.reshape(len(wheel), -1), outside + self._blow())
 
     def _blow(self) -> Array:
         """Torque of the air, a first-order Gauss-Markov process (Gelb 1974, sec. 3.6), (trials, agents, 3) N m."""

@@ -39,7 +39,7 @@ class Learned(NamedTuple):
     memory: Any
 
 
-class Acted(NamedTuple):
+class AppliedControl(NamedTuple):
     """What a loop did since the last tick."""
 
     force: Array  # (trials, agents, 2) N
@@ -52,7 +52,7 @@ class LearningMemory(NamedTuple):
     ess: Array | None  # (1, trials, agents) of one with particles
 
 
-class Untaught:
+class NoLearning:
     """Believes readings and learns nothing; also what all learners have in common."""
 
     space = Euclidean()
@@ -66,7 +66,7 @@ class Untaught:
         """What is known after the first reading of the motion, (trials, agents, 4): weights are zero, and what is not read."""
         return Learned(np.where(np.isnan(reading), 0.0, reading), np.zeros((*reading.shape[:-1], self._size)), None)
 
-    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:  # noqa: ARG002
+    def step(self, belief: Learned, known: AppliedControl, reading: Array, dt: float) -> Learned:  # noqa: ARG002
         """What is known `dt` seconds later, after a reading: the reading, or what was known where nothing is read."""
         return belief._replace(motion=np.where(np.isnan(reading), belief.motion, reading))
 
@@ -101,20 +101,20 @@ class Untaught:
         return inner.covariance[..., :MOTION, :MOTION], inner.nis, inner.dof
 
 
-class ByAdaptiveLaw(Untaught):
+class ByAdaptiveLaw(NoLearning):
     """Believes readings, and drives the weights by the sliding surface."""
 
     def __init__(self, name: str, process: PlanarAgent, law: AdaptiveNetworkLaw) -> None:
         super().__init__(name, process)
         self._network, self._law = process.network, law
 
-    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: AppliedControl, reading: Array, dt: float) -> Learned:
         """The reading, and weights moved by the surface at the one before."""
         weights = self._law.step(belief.weights, known.surface, self._network.basis(belief.motion), dt)
         return Learned(np.where(np.isnan(reading), belief.motion, reading), weights, None)
 
 
-class ByFilter(Untaught):
+class ByFilter(NoLearning):
     """State and weights by an adaptive unscented filter."""
 
     def __init__(self, name: str, process: PlanarAgent, joint: AdaptiveUnscentedFilter) -> None:
@@ -125,7 +125,7 @@ class ByFilter(Untaught):
         """The filter's first belief."""
         return self._learned(self.filter.initial(reading))
 
-    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: AppliedControl, reading: Array, dt: float) -> Learned:
         """The filter's next belief."""
         return self._learned(self.filter.step(belief.memory, known.force, reading, dt))
 
@@ -133,7 +133,7 @@ class ByFilter(Untaught):
         return Learned(belief.mean[..., :MOTION], belief.mean[..., MOTION:], belief)
 
 
-class ByParticles(Untaught):
+class ByParticles(NoLearning):
     """State and weights by the marginalised unscented particle filter."""
 
     def __init__(self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, draws: DrawBlocks) -> None:
@@ -144,7 +144,7 @@ class ByParticles(Untaught):
         """The filter's first belief."""
         return self._learned(self.filter.initial(reading, self._following()))
 
-    def step(self, belief: Learned, known: Acted, reading: Array, dt: float) -> Learned:
+    def step(self, belief: Learned, known: AppliedControl, reading: Array, dt: float) -> Learned:
         """The filter's next belief."""
         return self._learned(self.filter.step(belief.memory, known.force, reading, dt, self._following()))
 
@@ -166,11 +166,11 @@ class ByParticles(Untaught):
         return Learned(self.filter.motion(belief), self.filter.parameters(belief), belief)
 
 
-def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: PlanarAgent, seed: int, trials: Trials) -> Untaught:
+def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: PlanarAgent, seed: int, trials: Trials) -> NoLearning:
     """How a loop learns, for these trials."""
     match settings:
         case Exact() | Nothing():
-            return Untaught(name, process)
+            return NoLearning(name, process)
         case Adaptive():
             return ByAdaptiveLaw(name, process, AdaptiveNetworkLaw(settings.rate))
         case Unscented():

@@ -83,7 +83,7 @@ class Observer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Bank:
+class FilterBank:
     """Observers of one kind, stepped as one; beliefs are (members, trials, ...).
 
     Attributes:
@@ -230,14 +230,14 @@ def _single(
     return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
 
 
-def build_banks(
+def build_filter_banks(
     observers: dict[str, ObserverSettings],
     models: Models,
     sensors: SensorSettings,
     wheels: int,
     seed: int = 0,
     trials: Trials | None = None,
-) -> tuple[Bank, ...]:
+) -> tuple[FilterBank, ...]:
     """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
     groups: list[list[tuple[str, Single]]] = []
     for name, settings in observers.items():
@@ -259,7 +259,7 @@ def build_banks(
         else:
             groups.append([(name, single)])
     return tuple(
-        Bank(
+        FilterBank(
             names=tuple(name for name, _ in group),
             filter=_as_one([single for _, single in group]),
             thresholds=tuple(thresholds_of(single) for _, single in group),

@@ -39,7 +39,7 @@ class FormationMemory(NamedTuple):
     ess: Array | None  # (1, trials, agents) of a particle filter
 
 
-class Watched(NamedTuple):
+class FilterStep(NamedTuple):
     """What an observer says at a tick."""
 
     belief: Any  # its mean is [sigma, v], (trials, agents, 6)
@@ -75,27 +75,27 @@ class AgentsFilter:
         """Error coordinates of its covariance."""
         return self.filter.space
 
-    def initial(self, reading: Array) -> Watched:
+    def initial(self, reading: Array) -> FilterStep:
         """Begin with a reading of sigma, (trials, agents, 3)."""
         return self._step(None, None, reading, 0.0)
 
-    def step(self, belief: Watched, known: Array, reading: Array, dt: float) -> Watched:
+    def step(self, belief: FilterStep, known: Array, reading: Array, dt: float) -> FilterStep:
         """Believe on after `dt` seconds of torques, (trials, agents, 3) N m, or with stored momentum (..., 6), and a reading of sigma.
 
         An agent's filter that is lost, whose particles or estimate are further than `LOST` from what is read, begins anew.
         """
         return self._step(belief.belief, known, reading, dt)
 
-    def summary(self, belief: Watched) -> Belief:
+    def summary(self, belief: FilterStep) -> Belief:
         """Its moments, (1, trials, agents, ...)."""
         own = belief.belief
         memory = FormationMemory(belief.lost[None], own.ess[None] if hasattr(own, "ess") else None)
         mean, covariance, innovation, nis, likelihood, dof = (part[None] for part in own[:6])
         return Belief(mean, covariance, innovation, nis, likelihood, dof, no_detection(nis), memory=memory)
 
-    def put_back(self, where: Flags, first: Watched, belief: Watched) -> Watched:
+    def put_back(self, where: Flags, first: FilterStep, belief: FilterStep) -> FilterStep:
         """The first belief in some trials, (trials,)."""
-        chosen: Watched = choose(where, first, belief)
+        chosen: FilterStep = choose(where, first, belief)
         return chosen
 
     def rewind(self) -> None:
@@ -108,7 +108,7 @@ class AgentsFilter:
         agent = f" of agent {failure.where[1] + 1}" if len(failure.where) > 1 else ""
         return failure.where[0] if failure.where else 0, f"filter {self.name}{agent}: {failure.what}"
 
-    def _step(self, belief: Any, torque: Any, reading: Array, dt: float) -> Watched:
+    def _step(self, belief: Any, torque: Any, reading: Array, dt: float) -> FilterStep:
         """Believe on from `belief`, or begin if it is None, of a reading of sigma (trials, agents, 3)."""
         lead = reading.shape[:-1]
         if isinstance(self.filter, ParticleFilter):
@@ -116,16 +116,16 @@ class AgentsFilter:
             draws = self.draws.tick()
             first: Any = self.filter.initial(reading, draws)
             if belief is None:
-                return Watched(first, np.zeros(lead, dtype=bool))
+                return FilterStep(first, np.zeros(lead, dtype=bool))
             after: Any = self.filter.step(belief, torque, reading, dt, draws)
             lost = _lost(after.particles, reading[..., None, :]).any(axis=-1) | _lost(after.mean, reading)
         else:
             if belief is None:
-                return Watched(self.filter.initial(reading), np.zeros(lead, dtype=bool))
+                return FilterStep(self.filter.initial(reading), np.zeros(lead, dtype=bool))
             after = self.filter.step(belief, torque, reading, dt)
             lost = _lost(after.mean, reading)
             first = self.filter.initial(reading) if lost.any() else after
-        return Watched(choose(lost, first, after) if lost.any() else after, lost)
+        return FilterStep(choose(lost, first, after) if lost.any() else after, lost)
 
 
 def _lost(state: Array, reading: Array) -> Flags:

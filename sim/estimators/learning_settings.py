@@ -65,7 +65,7 @@ class Learning(Section):
         steps[:, :1] = self.weight_walk_nm if self.constant_walk_nm is None else self.constant_walk_nm
         return steps.ravel()
 
-    def complain(self, where: str, wheels: int) -> None:  # noqa: ARG002
+    def check(self, where: str, wheels: int) -> None:  # noqa: ARG002
         """Raise ValueError, beginning with `where`, if no innovation covariance could be inverted."""
         noise = self.numbers.measurement_noise
         if not isinstance(noise, str) and min(noise) < LEAST_VARIANCE:
@@ -79,7 +79,7 @@ def compensates(law: Any) -> bool:
     return bool(getattr(law, "compensate_learned", False))
 
 
-def complain_of_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], plant: BodyParameters, kinds: Iterable[str]) -> None:
+def check_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], plant: BodyParameters, kinds: Iterable[str]) -> None:
     """Raise ValueError if there is nothing to be learned here, or a law subtracts what nobody learns.
 
     Args:

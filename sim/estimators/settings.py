@@ -38,7 +38,7 @@ class ExtendedSettings(Section):
         """Gain of this filter."""
         return KalmanGain()
 
-    def complain(self, where: str, wheels: int) -> None:
+    def check(self, where: str, wheels: int) -> None:
         """Raise ValueError, beginning with `where`, if no innovation covariance could be inverted."""
         noise = self.numbers.measurement_noise
         if not isinstance(noise, str) and min(noise) < LEAST_VARIANCE:
@@ -112,9 +112,9 @@ class Aukf(Ukf):
     fading: FadingSettings = NoFadingSettings()
     measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
 
-    def complain(self, where: str, wheels: int) -> None:
+    def check(self, where: str, wheels: int) -> None:
         """Raise ValueError if the coordinates are those of a rotation, which has neither a vector part nor that process noise."""
-        super().complain(where, wheels)
+        super().check(where, wheels)
         if self.coordinates == "multiplicative" and (self.measured == "vector" or self.numbers.matched):
             raise ValueError(f"{where}.coordinates: measured = 'vector' and matched process noise need 'additive'")
 
@@ -182,7 +182,7 @@ class Imm(Section):
         """The modes."""
         return tuple(_wheel_fault(mode, wheels) for mode in self.modes)
 
-    def complain(self, where: str, wheels: int) -> None:
+    def check(self, where: str, wheels: int) -> None:
         """Raise ValueError, beginning with `where`, if the modes do not fit together."""
         count = len(self.modes)
         if count < 2 or self.modes[0]:
@@ -204,7 +204,7 @@ class Imm(Section):
                 raise ValueError(f"{where}.initial: must be probabilities that sum to one; these sum to {sum(self.initial):g}")
         if self.withdraw_below > self.declare_above:
             raise ValueError(f"{where}.withdraw_below = {self.withdraw_below:g} must not exceed declare_above = {self.declare_above:g}")
-        self.filter.complain(f"{where}.filter", wheels)
+        self.filter.check(f"{where}.filter", wheels)
 
     def warnings(self, where: str, wheel_axes: Array) -> list[str]:
         """A line for each mode in which the wheels cannot turn the body about some axis."""

@@ -18,7 +18,7 @@ from models.plants.register.entries import kind_of
 from models.plants.register.kind import DriveErrors, PlantKind
 from sim import randomness
 from sim.controllers.tracking import TrackingLaw, target_channels
-from sim.estimators.filter_banks import Models, build_banks
+from sim.estimators.filter_banks import Models, build_filter_banks
 from sim.estimators.learning_settings import Learning, compensates
 from sim.estimators.settings import Imm
 from sim.faults.timeline import schedule
@@ -40,7 +40,7 @@ Array = NDArray[np.floating]
 def build_body(
     scenario: Scenario, trials: NDArray[np.int64], user_code: UserCode | None = None, variants: Variants | None = None
 ) -> System:
-    """All parts of the one loop of a scenario for the given trial numbers; trial i is the same in any company.
+    """All parts of the one loop of a scenario for the given trial numbers; trial i is the same whatever the batch.
 
     Args:
       scenario: what is simulated, and what filters and controllers believe.
@@ -89,7 +89,7 @@ def build_body(
 def body_estimators(scenario: Scenario, trials: NDArray[np.int64], user_code: UserCode) -> tuple[Estimator, ...]:
     """The observers of the one loop of a scenario, and the user's filters."""
     models, wheels = Models.of(scenario.plant), scenario.plant.wheel_axes.shape[1]
-    banks = build_banks(scenario.observers, models, scenario.sensors, wheels, scenario.run.seed, trials)
+    banks = build_filter_banks(scenario.observers, models, scenario.sensors, wheels, scenario.run.seed, trials)
     return (*banks, *user_code.filters(surroundings(scenario)))
 
 

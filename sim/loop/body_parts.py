@@ -13,7 +13,7 @@ from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.unmodelled_torque import UnmodelledTorque
 from sim.faults.effects import ACTIVE, CENTRE_OF_MASS, INERTIA, LOCKED, OWN_MASS
 from sim.faults.timeline import Timeline
-from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.batch import Plant, Truth
 
 MASSES = (OWN_MASS, INERTIA, CENTRE_OF_MASS)
@@ -73,13 +73,13 @@ class BodyEffectors:
     disturbance_B: Array
     wheels: int
 
-    def rest(self) -> Given:
+    def rest(self) -> ActuatorOutput:
         """No torque, and wheels that stand still."""
         trials = self.drive_noise.shape[1]
         known = np.zeros((trials, (self.wheels or 3) + self.wheels))
-        return Given(np.zeros((trials, self.wheels)), np.zeros((trials, 3)), known, self.allocation.start((trials,)), {})
+        return ActuatorOutput(np.zeros((trials, self.wheels)), np.zeros((trials, 3)), known, self.allocation.start((trials,)), {})
 
-    def give(self, tick: int, decision: Decision, estimate: Estimate, held: Array, before: Given, lost: Flags) -> Given:
+    def give(self, tick: int, decision: Decision, estimate: Estimate, held: Array, before: ActuatorOutput, lost: Flags) -> ActuatorOutput:
         """Share the torque, as finely as set-points go, with the errors and faults of the drives.
 
         Filters know the torques that were commanded and the wheel speeds that were read, (trials, 2 wheels); of a body without wheels the
@@ -92,7 +92,7 @@ class BodyEffectors:
         push = self.disturbance_B[tick] if outside is None else self.disturbance_B[tick] + outside
         wheel, push = (applied, push) if self.wheels else (applied[:, :0], push + applied)
         known = np.concatenate([command, held[..., WHEELS]], axis=-1)
-        return Given(wheel, push, known, shared, {"command": command, "applied": applied})
+        return ActuatorOutput(wheel, push, known, shared, {"command": command, "applied": applied})
 
 
 def _quantize(command: Array, step: float) -> Array:

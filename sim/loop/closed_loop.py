@@ -16,7 +16,7 @@ from sim.faults.timeline import Occurrence
 from sim.loop.lost_trials import LostTrials
 from sim.loop.recorder import MULTIPLICATIVE, Recorder
 from sim.loop.recording import RecordedRunFailed, Recording
-from sim.parts import Array, Effectors, Estimator, Feedback, Given, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
+from sim.parts import ActuatorOutput, Array, Effectors, Estimator, Feedback, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
 from sim.plant.batch import SimulationFailed
 
 
@@ -159,7 +159,7 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
     return tuple(after)
 
 
-def _acting(s: System, given: Given, broken: LostTrials) -> tuple[Array, Any]:
+def _acting(s: System, given: ActuatorOutput, broken: LostTrials) -> tuple[Array, Any]:
     """Torques of motors, and what pushes the bodies; in trials that broke down nothing does, and they are put back to their start."""
     wheel, push = given.wheel, given.push
     if broken:

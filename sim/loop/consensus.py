@@ -12,14 +12,14 @@ from estimation.state_space import Euclidean
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
 from models.plants.agents import AGENTS, AgentsParameters, compile_agents
-from sim.estimators.consensus import Acted, Learned, learner
+from sim.estimators.consensus import AppliedControl, Learned, learner
 from sim.estimators.learner_settings import Adaptive, Exact
 from sim.faults.effects import DISTURBANCE, DYNAMICS, SLIDING
 from sim.faults.timeline import Timeline, schedule
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
-from sim.network.messages import Heard, Network
-from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.network.messages import Messages, Network
+from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import Trials
 from sim.scenario.consensus import ConsensusScenario
@@ -118,7 +118,7 @@ class ConsensusLaw:
         motion = estimate.learned.motion
         return np.concatenate([np.broadcast_to(leader, (len(motion), 1, len(leader))), motion], axis=1)
 
-    def decide(self, tick: int, estimate: ConsensusEstimate, messages: Heard, memory: None) -> Decision:
+    def decide(self, tick: int, estimate: ConsensusEstimate, messages: Messages, memory: None) -> Decision:
         """Force on each agent, (trials, agents, 2) N."""
         motion = estimate.learned.motion
         if self.user is not None:
@@ -142,12 +142,14 @@ class ConsensusEffectors:
     faults: Timeline
     trials: int
 
-    def rest(self) -> Given:
+    def rest(self) -> ActuatorOutput:
         """No force."""
         nothing = np.zeros((self.trials, AGENTS, 2))
-        return Given(np.zeros((1, 0)), nothing, Acted(nothing, nothing), None, {})
+        return ActuatorOutput(np.zeros((1, 0)), nothing, AppliedControl(nothing, nothing), None, {})
 
-    def give(self, tick: int, decision: Decision, estimate: ConsensusEstimate, held: Array, before: Given, lost: Flags) -> Given:
+    def give(
+        self, tick: int, decision: Decision, estimate: ConsensusEstimate, held: Array, before: ActuatorOutput, lost: Flags
+    ) -> ActuatorOutput:
         """The force of every agent until the next tick; in a trial that is lost none acts any more."""
         sliding: Sliding = decision.notes["sliding"]
         force, constant = decision.effort, self.faults.at(SLIDING, tick)
@@ -161,7 +163,7 @@ class ConsensusEffectors:
         def push(motion: Array, instant: float) -> Array:
             return np.where(moving, self.unknown.at(tick, motion, instant) + acting, 0.0)
 
-        return Given(np.zeros((1, 0)), push, Acted(force, sliding.surface), None, {"force": applied})
+        return ActuatorOutput(np.zeros((1, 0)), push, AppliedControl(force, sliding.surface), None, {"force": applied})
 
 
 def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:

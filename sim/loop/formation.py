@@ -14,15 +14,15 @@ from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
 from models.plants.register.entries import kind_of
 from sim.controllers.drives import Effectors as FormationDrives
-from sim.controllers.drives import Stored, effectors
+from sim.controllers.drives import WheelMomentum, effectors
 from sim.estimators.formation import agents_filter
 from sim.faults.effects import GAINS
 from sim.faults.timeline import Timeline, schedule
 from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.body_parts import MASSES, lock_wheels, masses
 from sim.loop.closed_loop import System
-from sim.network.messages import Heard, Network
-from sim.parts import AnyArray, Array, Decision, Estimator, Flags, Given, Snapshot
+from sim.network.messages import Messages, Network
+from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.formation import AgentsTruth, FormationPlant
 from sim.randomness import Trials
 from sim.scenario.formation import FormationScenario
@@ -62,7 +62,7 @@ class FormationFeedback:
         """What each agent acts on; to be called once a tick, since tachometers are read."""
         state, true = truth.state, self.source == "truth"
         believed = state if true else self._believed(beliefs)
-        stored: Stored | None = self.drives.stored(truth)
+        stored: WheelMomentum | None = self.drives.stored(truth)
         return FormationEstimate(
             state=state,
             own=_shorter(believed) if self.shadow else believed,
@@ -107,7 +107,7 @@ class NetworkedLaw:
         spoken = np.concatenate([estimate.own, memory], axis=-1)
         return np.concatenate([np.broadcast_to(self.leader[tick], (len(spoken), 1, 9)), spoken], axis=1)
 
-    def decide(self, tick: int, estimate: FormationEstimate, messages: Heard, memory: Array) -> Decision:
+    def decide(self, tick: int, estimate: FormationEstimate, messages: Messages, memory: Array) -> Decision:
         """Torque on each body, (trials, agents, 3) N m in B."""
         heard, listening, gains = messages.messages, messages.listening, self._gains(tick)
         torque = self.law.step(estimate.own, heard[..., :6], listening, memory, estimate.innovation, gains, estimate.stored)
@@ -135,19 +135,21 @@ class FormationEffectors:
     shape: tuple[int, int]
     wheels: int
 
-    def rest(self) -> Given:
+    def rest(self) -> ActuatorOutput:
         """No torque."""
         trials, agents = self.shape
         known = np.zeros((trials, agents, 6 if self.wheels else 3))
-        return Given(np.zeros((trials, agents * self.wheels)), np.zeros((trials, agents, 3)), known, None, {})
+        return ActuatorOutput(np.zeros((trials, agents * self.wheels)), np.zeros((trials, agents, 3)), known, None, {})
 
-    def give(self, tick: int, decision: Decision, estimate: FormationEstimate, held: Array, before: Given, lost: Flags) -> Given:
+    def give(
+        self, tick: int, decision: Decision, estimate: FormationEstimate, held: Array, before: ActuatorOutput, lost: Flags
+    ) -> ActuatorOutput:
         """Carry out the torques; filters know those of the laws, and the momentum that was read in wheels."""
         torque = decision.effort
         applied, outside = self.faults.commanded(tick, torque), self.faults.push(tick)
         given = self.drives.give(tick, applied, 0.0 if outside is None else outside)
         known = torque if estimate.read is None else np.concatenate([torque, estimate.read], axis=-1)
-        return Given(given.wheel, given.body, known, None, {"applied": applied})
+        return ActuatorOutput(given.wheel, given.body, known, None, {"applied": applied})
 
 
 @dataclass(frozen=True, eq=False)

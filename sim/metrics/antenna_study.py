@@ -119,5 +119,5 @@ def _switching(assembly: Assembly, recording: Recording) -> list[Metric]:
 
 
 def _rms(values: Array) -> Array:
-    """Over ticks, (ticks, trials) to (trials,); the same in any company."""
+    """Over ticks, (ticks, trials) to (trials,); the same whatever the batch."""
     return np.sqrt(np.mean(np.ascontiguousarray(values.T) ** 2, axis=-1))

@@ -36,7 +36,7 @@ def dynamics_error(recording: Recording) -> Array:
 
 
 def evaluate(name: str, recording: Recording) -> list[Metric]:
-    """All metrics of a loop; each trial's value is the same in any company."""
+    """All metrics of a loop; each trial's value is the same whatever the batch."""
     absolute, relative, wrong = (
         np.ascontiguousarray(part.T) for part in (absolute_error(recording), relative_error(recording), dynamics_error(recording))
     )

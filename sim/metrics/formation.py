@@ -24,7 +24,9 @@ def phases(scenario: FormationScenario) -> dict[str, slice]:
 def evaluate(loop: str, recording: Recording, scenario: FormationScenario) -> list[Metric]:
     """All metrics of one loop; the subjects are the loop, and loop/observer for estimates, or the loop where that observer closes it."""
     feedback = scenario.loops[loop].feedback
-    figures = {name: np.ascontiguousarray(values.T) for name, values in recording.figures.items()}  # sums over ticks alike in any company
+    figures = {
+        name: np.ascontiguousarray(values.T) for name, values in recording.figures.items()
+    }  # sums over ticks alike whatever the batch
     out = []
     for phase, ticks in phases(scenario).items():
         within = {name: values[:, ticks] for name, values in figures.items()}

@@ -46,6 +46,6 @@ def of_learning(recording: Recording, observer: str, phase: str, flags: Flags) -
 
 
 def _mean_squares(values: Array, flags: Flags) -> Array:
-    """Over the flagged ticks, (ticks, trials, 3) to (trials, 3); every trial's numbers in a row: the same in any company."""
+    """Over the flagged ticks, (ticks, trials, 3) to (trials, 3); every trial's numbers in a row: the same whatever the batch."""
     squares = np.where(flags[:, None, :], np.ascontiguousarray(np.moveaxis(values, 0, -1)) ** 2, 0.0)
     return np.sum(squares, axis=-1) / np.maximum(np.sum(flags, axis=-1), 1)[:, None]

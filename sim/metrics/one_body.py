@@ -31,7 +31,7 @@ def phases(recording: Recording) -> dict[str, Flags]:
 
 
 def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scenario: Scenario | None = None) -> list[Metric]:
-    """All metrics of a recording; each trial's value is the same in any company.
+    """All metrics of a recording; each trial's value is the same whatever the batch.
 
     Args:
       recording: of a closed loop.

@@ -73,6 +73,6 @@ def _first(inside: Flags, dt: float) -> Array:
 
 
 def _rms(errors: Array) -> Array:
-    """Root mean square over ticks and axes, (ticks, trials, 3) to (trials,), every trial's numbers in a row: the same in any company."""
+    """Root mean square over ticks and axes, (ticks, trials, 3) to (trials,), each trial in a row: the same whatever the batch."""
     squares = np.ascontiguousarray(np.swapaxes(errors, 0, 1)).reshape(errors.shape[1], -1) ** 2
     return np.sqrt(np.mean(squares, axis=-1))

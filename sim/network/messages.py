@@ -16,7 +16,7 @@ Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
 
-class Heard(NamedTuple):
+class Messages(NamedTuple):
     """What every agent has at a tick."""
 
     messages: Array  # (trials, agents or 1, 1 + agents, n)
@@ -35,13 +35,13 @@ class Network:
         self._under_way: list[Array] = []
         self._held: Array | None = None
 
-    def carry(self, tick: int, sent: Array | None) -> Heard:
+    def carry(self, tick: int, sent: Array | None) -> Messages:
         """Deliver what leader and agents say, (trials, 1 + agents, n). The first messages are never lost."""
         assert sent is not None, "agents of a network have something to say"
         graph = self._graph
         everything = np.ones((1, len(graph.ways)), dtype=bool)
         if self._ideal:
-            return Heard(sent[:, None], graph.listening[None], everything)
+            return Messages(sent[:, None], graph.listening[None], everything)
         arriving = self._arriving(tick, sent)
         probability, cut = self._faults.at(LOSS, tick), self._faults.at(CUT, tick)
         lost = ~everything if probability is None else self._losses.tick() < probability
@@ -55,7 +55,7 @@ class Network:
         counted = received if self._skip else np.broadcast_to(whole, received.shape)
         listening = np.zeros((len(received), *graph.listening.shape))
         listening[:, receiver, sender] = np.where(counted, graph.listening[receiver, sender], 0.0)
-        return Heard(self._held, listening, received)
+        return Messages(self._held, listening, received)
 
     def _arriving(self, tick: int, sent: Array) -> Array:
         """What was said as long ago as messages take, (trials, 1 + agents, n); at first what was said first."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.state_layout import StateLayout
-from sim.estimators.consensus import Acted
+from sim.estimators.consensus import AppliedControl
 from sim.loop.recording import Recording
 
 Array = NDArray[np.floating]
@@ -80,7 +80,7 @@ def _of_consensus(scenario: Any) -> LogColumns:
         layout,
         layout.names,
         known,
-        lambda known, _: Acted(known[..., :2], known[..., 2:]),
+        lambda known, _: AppliedControl(known[..., :2], known[..., 2:]),
         lambda recording: recording.channels["known"],
     )
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.plants.assembly import Assembly
-from sim.parts import Array, Decision, Flags, Given
+from sim.parts import ActuatorOutput, Array, Decision, Flags
 from sim.replay.flight_log import FlightLog
 from sim.replay.log_columns import LogColumns
 
@@ -77,16 +77,16 @@ class LoggedCommands:
     log: FlightLog
     columns: LogColumns
 
-    def rest(self) -> Given:
+    def rest(self) -> ActuatorOutput:
         """Nothing yet."""
         return self._given(0, self.log.reading[0])
 
-    def give(self, tick: int, decision: Decision, estimate: Any, held: Array, before: Given, lost: Flags) -> Given:
+    def give(self, tick: int, decision: Decision, estimate: Any, held: Array, before: ActuatorOutput, lost: Flags) -> ActuatorOutput:
         """What was known at a tick, with the reading that was held."""
         return self._given(tick, held)
 
-    def _given(self, tick: int, held: Array) -> Given:
-        return Given(np.zeros((len(held), 0)), None, self.columns.told(self.log.known[tick], held), None, {})
+    def _given(self, tick: int, held: Array) -> ActuatorOutput:
+        return ActuatorOutput(np.zeros((len(held), 0)), None, self.columns.told(self.log.known[tick], held), None, {})
 
 
 def nobody(tick: int, beliefs: tuple[Any, ...], truth: LoggedTruth, reading: Array, held: Array) -> None:

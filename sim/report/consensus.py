@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.scenario.consensus import ConsensusScenario
-from sim.series.consensus import SMOOTHING_S, chosen, looks, moving_mean, occurrences
+from sim.series.consensus import SMOOTHING_S, chosen, line_styles, moving_mean, occurrences
 from sim.series.picture_style import STYLE
 
 Array = NDArray[np.floating]
@@ -39,7 +39,7 @@ def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict
       flown: of one trial or more, by loop.
     """
     lines: Lines = {
-        loop: {"color": look.on_light, "ls": (0.0, look.dashes) if look.dashes else "-"} for loop, look in looks(scenario).items()
+        loop: {"color": look.on_light, "ls": (0.0, look.dashes) if look.dashes else "-"} for loop, look in line_styles(scenario).items()
     }
     first = next(iter(flown.values()))
     with mpl.rc_context(STYLE):

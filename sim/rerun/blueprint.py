@@ -48,7 +48,7 @@ class Page:
     duration_s: float
 
     @property
-    def lanes(self) -> str:
+    def state_timelines(self) -> str:
         """Title of the view of faults."""
         return "Faults, and the gain that each detector chooses"
 
@@ -73,7 +73,7 @@ class Page:
         return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
     def _lanes(self) -> Any:
-        return rrb.StateTimelineView(name=self.lanes, origin=f"/{self.prefix}state", time_view=self._time_axis())
+        return rrb.StateTimelineView(name=self.state_timelines, origin=f"/{self.prefix}state", time_view=self._time_axis())
 
     def _events(self) -> Any:
         columns = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["LogLevel", "Body"])
@@ -109,9 +109,9 @@ class Layout(Page):
     wheel_camera: Camera
 
     @property
-    def lanes(self) -> str:
+    def state_timelines(self) -> str:
         """Title of the view of faults."""
-        return "Faults, and what each detector says" if self.modal else super().lanes
+        return "Faults, and what each detector says" if self.modal else super().state_timelines
 
     def tabs(self) -> list[Any]:
         """All tabs, each of views of its own: Rerun allows a view one parent only."""

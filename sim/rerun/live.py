@@ -28,7 +28,7 @@ from sim.rerun.sink import (
     time_column,
     who_is_shown,
 )
-from sim.series.channels import curves, lanes
+from sim.series.channels import curves, state_timelines
 
 VIEWER = "rerun+http://127.0.0.1:9876/proxy"
 
@@ -82,7 +82,7 @@ class LiveStream:
             if first:
                 self._stream.log(entity(curve.path), style(curve), static=True)
             self._stream.send_columns(entity(curve.path), [time], columns(curve))
-        for lane, ((_, state),) in lanes(now).items():
+        for lane, ((_, state),) in state_timelines(now).items():
             if self._lanes.get(lane) != state:
                 self._lanes[lane] = state
                 self._stream.send_columns(entity(f"state/{lane}"), [time], rr.StateChange.columns(state=[state]))

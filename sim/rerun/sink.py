@@ -32,7 +32,7 @@ from sim.rerun.scene import (
     stands,
     to_lab,
 )
-from sim.series.channels import Curve, curves, events, hybrids, lanes, modal
+from sim.series.channels import Curve, curves, events, hybrids, modal, state_timelines
 from sim.series.palette import ALERT, CALM, HEALTHY, REFERENCE, on_dark
 
 Array = NDArray[np.floating]
@@ -98,7 +98,7 @@ def write_recording(
             for curve in curves(one, truth, assembly, shown):
                 stream.log(prefix + entity(curve.path), style(curve), static=True)
                 stream.send_columns(prefix + entity(curve.path), [time], columns(curve))
-            changes_of = lanes(one)
+            changes_of = state_timelines(one)
             name_faults(stream, prefix, [state for _, state in changes_of["fault"]])
             for lane, changes in changes_of.items():
                 ticks, states = zip(*changes, strict=True)

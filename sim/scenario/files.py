@@ -17,7 +17,7 @@ from sim.scenario.consensus import ConsensusScenario
 from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
 from sim.scenario.run import RunSettings
-from sim.scenario.validation import first_complaint
+from sim.scenario.validation import first_error
 
 # what a file must be, by the family of its plant
 FAMILIES: dict[str, type[BaseModel]] = {"body": Scenario, "formation": FormationScenario, "consensus": ConsensusScenario}
@@ -108,7 +108,7 @@ def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = N
     try:
         return model.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:
-        raise BadInput(f"{label}: {first_complaint(invalid, data, model)}") from None
+        raise BadInput(f"{label}: {first_error(invalid, data, model)}") from None
 
 
 def dumped(scenario: Any) -> dict[str, Any]:

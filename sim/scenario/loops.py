@@ -39,7 +39,7 @@ def laws_by_place(control: ControlSettings | None, loops: Mapping[str, LoopSetti
     return {f"loops.{name}.control": loop.control for name, loop in loops.items()} if control is None else {"control": control}
 
 
-def complain_of_laws(laws: Mapping[str, ControlSettings], observers: Mapping[str, ObserverSettings], guests: Iterable[str]) -> None:
+def check_laws(laws: Mapping[str, ControlSettings], observers: Mapping[str, ObserverSettings], guests: Iterable[str]) -> None:
     """Raise ValueError if a law is fed by nothing, or has gains for other modes than its observer's.
 
     Args:
@@ -60,7 +60,7 @@ def complain_of_laws(laws: Mapping[str, ControlSettings], observers: Mapping[str
             raise ValueError(f"{where}.allocation: mode-weighted needs the mode probabilities of an observer of type imm as feedback")
 
 
-def complain_of_loops(
+def check_loops(
     loops: Mapping[str, LoopSettings], observers: Mapping[str, ObserverSettings], identification: IdentificationSettings | None
 ) -> None:
     """Raise ValueError if there is no such loop to be identified, or no such observer to watch one."""

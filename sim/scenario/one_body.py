@@ -10,14 +10,14 @@ from models.plants.assembly import ImpossibleInertia
 from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Section
 from sim.controllers.settings import ControlSettings
-from sim.estimators.learning_settings import complain_of_learning
+from sim.estimators.learning_settings import check_learning
 from sim.estimators.settings import Imm
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
 from sim.plant.kinds import PlantSettings, check_masses
 from sim.scenario.identification import IdentificationSettings
-from sim.scenario.loops import Loops, complain_of_laws, complain_of_loops, laws_by_place
+from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows
 from sim.scenario.references import ReferenceSettings
 from sim.scenario.run import Published, RunSettings
@@ -98,10 +98,10 @@ class Scenario(Section):
     def _fits_together(self, info: ValidationInfo) -> Scenario:
         duration, wheels = self.run.ticks * self.run.tick_s, self.plant.wheel_axes.shape[1]
         for name, settings in self.observers.items():
-            settings.complain(f"observers.{name}", wheels)
+            settings.check(f"observers.{name}", wheels)
         laws = laws_by_place(self.control, self.loops)
-        complain_of_laws(laws, self.observers, (info.context or {}).get("guests", ()))
-        complain_of_loops(self.loops, self.observers, self.identification)
+        check_laws(laws, self.observers, (info.context or {}).get("guests", ()))
+        check_loops(self.loops, self.observers, self.identification)
         steps = self.run.tick_s / self.plant.step_s
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
             raise ValueError(
@@ -111,7 +111,7 @@ class Scenario(Section):
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
         check_faults(self.faults, duration, self.parts)
-        complain_of_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
+        check_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:
             check_masses(self.plant, self.faults)
         except ImpossibleInertia as impossible:

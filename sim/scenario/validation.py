@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 
-def first_complaint(invalid: ValidationError, data: dict[str, Any], model: type[BaseModel]) -> str:
+def first_error(invalid: ValidationError, data: dict[str, Any], model: type[BaseModel]) -> str:
     """One line on the first key of `data` that is wrong for `model`; where a value may be of several kinds, what each would need."""
     errors = invalid.errors()
     key = ".".join(_path_in_file(errors[0]["loc"], data))

@@ -127,7 +127,7 @@ class Noise(NamedTuple):
 
 
 def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:
-    """Draw a run's noise: trial i gets the same numbers in any company."""
+    """Draw a run's noise: trial i gets the same numbers whatever the batch."""
     bias = randomness.normals(seed, trials, Stream.GYRO_BIAS, ticks, 3)
     bias[0] *= settings.gyro_bias_rad_s
     bias[1:] *= settings.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt)

@@ -1,4 +1,4 @@
-"""The time series, lanes and events that a person is shown of one trial, whatever draws them."""
+"""The time series, timelines of states and events that a person is shown of one trial, whatever draws them."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def modal(thresholds: dict[str, tuple[float, float] | None]) -> tuple[str, ...]:
     return tuple(name for name, limits in thresholds.items() if limits and limits[0] < 1.0)
 
 
-def lanes(recording: Recording) -> dict[str, list[tuple[int, str]]]:
+def state_timelines(recording: Recording) -> dict[str, list[tuple[int, str]]]:
     """Changes (tick, state) of the faults and of every detector in a recording of one trial."""
     faults = ["none"] * recording.ticks
     for o in recording.occurrences:

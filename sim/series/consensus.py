@@ -20,7 +20,7 @@ SMOOTHING_S = 0.5
 GREY: tuple[tuple[str, Colour], ...] = (("#8a8f98", (150, 156, 166)), ("#c0c4cc", (104, 110, 120)))  # of what is no way to learn
 
 
-class Look(NamedTuple):
+class LineStyle(NamedTuple):
     """How a loop is drawn everywhere."""
 
     on_light: str
@@ -28,11 +28,11 @@ class Look(NamedTuple):
     dashes: tuple[float, ...]
 
 
-def looks(scenario: ConsensusScenario) -> dict[str, Look]:
+def line_styles(scenario: ConsensusScenario) -> dict[str, LineStyle]:
     """Looks of all loops: those that do not learn are grey, those with particles dashed, since they may lie on others."""
     grey, hue = iter(GREY * len(scenario.loops)), iter(LOOP_VARIANTS * len(scenario.loops))
     return {
-        name: Look(*next(grey if isinstance(loop, Exact | Nothing) else hue), (4.0, 2.0) if isinstance(loop, Marginalised) else ())
+        name: LineStyle(*next(grey if isinstance(loop, Exact | Nothing) else hue), (4.0, 2.0) if isinstance(loop, Marginalised) else ())
         for name, loop in scenario.loops.items()
     }
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sim.series.loops import Flight
 
 
-def lanes(several: tuple[Flight, ...]) -> dict[str, list[tuple[int, str]]]:
+def state_timelines(several: tuple[Flight, ...]) -> dict[str, list[tuple[int, str]]]:
     """Changes (tick, state) of the fault, and of what the observer of each loop believes of it."""
     longest = max(flight.recording.ticks for flight in several)
     faults = np.full(longest, "none", dtype=object)
@@ -31,7 +31,7 @@ def changes(states: NDArray[np.object_]) -> list[tuple[int, str]]:
 
 def events(several: tuple[Flight, ...], scenario_name: str) -> list[tuple[int, str, str]]:
     """What happened, as (tick, level, text), in order."""
-    first, told = several[0], lanes(several)
+    first, told = several[0], state_timelines(several)
     last, dt = max(flight.recording.ticks for flight in several), first.recording.dt
     happened = {o[1:] for flight in several for o in flight.recording.occurrences if o.start_tick < last}
     spared = [flight.name for flight in several if not flight.recording.occurrences]

@@ -9,7 +9,7 @@ from sim.scenario.one_body import Scenario
 from sim.series.palette import LOOP_DASHES, LOOP_FAMILIES, LOOP_VARIANTS, Colour
 
 
-class Look(NamedTuple):
+class LineStyle(NamedTuple):
     """How a loop is drawn everywhere."""
 
     family: int  # of the control law
@@ -19,7 +19,7 @@ class Look(NamedTuple):
     dashes: tuple[float, ...]
 
 
-def looks(scenario: Scenario) -> dict[str, Look]:
+def line_styles(scenario: Scenario) -> dict[str, LineStyle]:
     """Looks of a scenario's loops: pd-imm and smc-imm differ in hue, pd-imm and pd-ukf in shade and dashes."""
     families: dict[str, list[str]] = {}
     for name, single in scenario.singles().items():
@@ -29,14 +29,14 @@ def looks(scenario: Scenario) -> dict[str, Look]:
         shared = _shared_beginning(names)
         for name in names:
             variants.setdefault(name[shared:], len(variants))
-    found: dict[str, Look] = {}
+    found: dict[str, LineStyle] = {}
     for family, names in enumerate(families.values()):
         shared = _shared_beginning(names)
         shades = LOOP_FAMILIES[family % len(LOOP_FAMILIES)] if len(families) > 1 else LOOP_VARIANTS
         for name in names:
             variant = variants[name[shared:]]
             light, dark = shades[variant % len(shades)]
-            found[name] = Look(family, variant, light, dark, LOOP_DASHES[variant % len(LOOP_DASHES)] if len(variants) > 1 else ())
+            found[name] = LineStyle(family, variant, light, dark, LOOP_DASHES[variant % len(LOOP_DASHES)] if len(variants) > 1 else ())
     return {name: found[name] for name in scenario.singles()}
 
 

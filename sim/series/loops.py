@@ -20,7 +20,7 @@ from sim.loop.recording import Recording
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
 from sim.series.channels import Curve, innovation_size
-from sim.series.line_styles import Look, looks
+from sim.series.line_styles import LineStyle, line_styles
 from sim.series.palette import REFERENCE, wheel
 from sim.units import RPM
 
@@ -45,7 +45,7 @@ class Flight:
     name: str
     scenario: Scenario
     recording: Recording
-    look: Look
+    look: LineStyle
 
     def channel(self, name: str) -> Array:
         """A channel without its axis of trials, (ticks, ...)."""
@@ -116,7 +116,7 @@ def _mode(fault: WheelMode) -> str:
 
 def flights(scenario: Scenario, recordings: dict[str, Recording], position: int = 0) -> tuple[Flight, ...]:
     """The loops that were recorded, in one trial, given by its position among the recorded ones."""
-    singles, styles = scenario.singles(), looks(scenario)
+    singles, styles = scenario.singles(), line_styles(scenario)
     which = np.array([position])
     return tuple(Flight(name, singles[name], recording.select(which), styles[name]) for name, recording in recordings.items())
 

@@ -12,7 +12,7 @@ from control.terminal_sliding_mode import Sliding
 from control.tracking import Controller, Estimate, Target
 from models.attitude import quaternion
 from models.dynamics.state_layout import ATTITUDE, RATE
-from sim.network.messages import Heard
+from sim.network.messages import Messages
 from sim.user_code.rehearsal import TRIALS, readings, same_whatever_the_batch
 from sim.user_code.surroundings import Surroundings
 from sim.user_code.user_class import UserClass
@@ -78,7 +78,7 @@ class UserLaw:
         planar = layout.blocks[0].kind == "position"
         said = state if planar else np.concatenate([state, 0.01 * state[..., :3]], axis=-1)
         messages = np.concatenate([said[:, :1], said], axis=1)[:, None]
-        heard = Heard(messages, np.full((1, layout.agents, 1 + layout.agents), 0.5), np.ones((1, 1), dtype=bool))
+        heard = Messages(messages, np.full((1, layout.agents, 1 + layout.agents), 0.5), np.ones((1, 1), dtype=bool))
         extra = 0.1 * state[..., : 2 if planar else 3]
         own = Own(state, None, extra) if planar else Own(state, extra, None)
         return fresh.ask((*state.shape[:-1], extra.shape[-1]), "N" if planar else "N m", own, heard)
@@ -112,7 +112,7 @@ class FormationUserLaw:
         stored: Array | None = None,  # noqa: ARG002
     ) -> Array:
         """Torque on each body, (trials, agents, 3) N m in B."""
-        messages = Heard(heard, listening, np.ones((1, 0), dtype=bool))
+        messages = Messages(heard, listening, np.ones((1, 0), dtype=bool))
         return self.user.ask((*state.shape[:-1], 3), "N m", Own(state, leader_acceleration, None), messages)
 
 
@@ -122,7 +122,7 @@ class PlanarUserLaw:
 
     user: UserLaw
 
-    def step(self, motion: Array, messages: Heard, learned: Array) -> Sliding:
+    def step(self, motion: Array, messages: Messages, learned: Array) -> Sliding:
         """Force on each agent, (trials, agents, 2) N."""
         force = self.user.ask((*motion.shape[:-1], 2), "N", Own(motion, None, learned), messages)
         return Sliding(force, np.zeros_like(force), np.zeros_like(force))

@@ -19,7 +19,7 @@ from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.channels import Curve
-from sim.series.consensus import chosen, looks, moving_mean, occurrences
+from sim.series.consensus import chosen, line_styles, moving_mean, occurrences
 from sim.series.palette import AXES, PALE_AXES, REFERENCE, Colour
 
 Array = NDArray[np.floating]
@@ -144,7 +144,7 @@ def path_of(loop: str) -> str:
 
 def curves(scenario: ConsensusScenario, flown: dict[str, Recording]) -> Iterator[Curve]:
     """Time series of one trial: metrics of all loops, dynamics and commands of the one that is drawn large."""
-    colours = tuple(look.on_dark for name, look in looks(scenario).items() if name in flown)
+    colours = tuple(look.on_dark for name, look in line_styles(scenario).items() if name in flown)
     names = tuple(flown)
 
     def among(path: str, unit: str, values: dict[str, Array]) -> Curve:

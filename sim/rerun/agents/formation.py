@@ -76,7 +76,7 @@ class FormationLayout(Page):
     wheeled: tuple[int, ...]
 
     @property
-    def lanes(self) -> str:
+    def state_timelines(self) -> str:
         """Title of the view of faults."""
         return "What goes wrong"
 

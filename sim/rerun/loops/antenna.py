@@ -43,7 +43,7 @@ class AntennaLayout(LoopsLayout):
     panels: tuple[str, ...] = ()
 
     @property
-    def lanes(self) -> str:
+    def state_timelines(self) -> str:
         """Title of the view of states."""
         return "What the tests say of the controller that is in the loop"
 

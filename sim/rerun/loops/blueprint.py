@@ -48,7 +48,7 @@ class LoopsLayout(Page):
     eye: dict[str, Any]
 
     @property
-    def lanes(self) -> str:
+    def state_timelines(self) -> str:
         """Title of the view of faults."""
         return "The fault, and what each loop's observer believes"
 

@@ -28,7 +28,7 @@ from sim.series.antenna import (
     is_antenna,
 )
 from sim.series.channels import Curve
-from sim.series.events import events, lanes
+from sim.series.events import events, state_timelines
 from sim.series.learned import learned_curves, learners
 from sim.series.loops import GAIN_NAMES, GAIN_UNITS, Flight, curves, edges, flights, torque_unit, window, with_particles
 from sim.series.palette import ALERT, CALM, HEALTHY, REFERENCE
@@ -136,7 +136,7 @@ def _ranges(trial: Trial) -> dict[str, tuple[float, float]]:
 def _write_trial(stream: Any, trial: Trial, name: str) -> None:
     prefix, calm = trial.prefix, {"none": CALM, "healthy": HEALTHY, SHUT: CALM, PASSED: HEALTHY}
     log_stage(stream, prefix, trial.stage, trial.several)
-    for lane, changed in (antenna_lanes(trial.mapping) if trial.mapping else lanes(trial.several)).items():
+    for lane, changed in (antenna_lanes(trial.mapping) if trial.mapping else state_timelines(trial.several)).items():
         ticks, states = zip(*changed, strict=True)
         there = list(dict.fromkeys(states))
         colours = rr.StateConfiguration(values=there, colors=[calm.get(state, ALERT) for state in there])
