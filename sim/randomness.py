@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -26,7 +27,13 @@ class Stream(IntEnum):
     DISPERSION = 9
     QUATERNION = 10
     FAULT = 1000  # and up: one for each fault of a scenario
+    AGENTS_READING = 2000
+    MESSAGES = 2001
+    AGENTS_AIR = 2002
+    AGENTS_DRIVE = 2003
+    AGENTS_TACHOMETER = 2004
     PARTICLES = 1_000_000  # and up: three for each particle filter, by its name
+    AGENTS_PARTICLES = 3_000_000  # and up: two for each particle filter of a formation, by its name
 
 
 def generator(seed: int, trial: int, stream: int) -> np.random.Generator:
@@ -34,14 +41,58 @@ def generator(seed: int, trial: int, stream: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(trial, stream))))
 
 
+@dataclass(eq=False)
+class RandomStream:
+    """Numbers of one purpose, tick after tick; how many are drawn at a time is no part of what a seed means.
+
+    Attributes:
+      seed: of the run.
+      trials: their numbers, (trials,).
+      stream: purpose.
+      shape: of one tick and trial.
+      uniform: in [0, 1) instead of standard normal.
+      block: ticks drawn at once.
+    """
+
+    seed: int
+    trials: Trials
+    stream: int
+    shape: tuple[int, ...]
+    uniform: bool = False
+    block: int = 100
+    _generators: list[np.random.Generator] = field(init=False)
+    _drawn: Array = field(init=False)
+    _next: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self._generators = [generator(self.seed, int(t), self.stream) for t in self.trials]
+        self._drawn = np.empty((0, len(self.trials), *self.shape))
+
+    def tick(self) -> Array:
+        """Numbers of the next tick, (trials, ...)."""
+        if self._next == len(self._drawn):
+            self._drawn, self._next = self.ticks(self.block), 0
+        self._next += 1
+        return self._drawn[self._next - 1]
+
+    def rewind(self) -> None:
+        """Give the last tick's numbers again."""
+        self._next -= 1
+
+    def ticks(self, count: int) -> Array:
+        """Numbers of the next ticks that were not yet drawn, (count, trials, ...)."""
+        size = (count, *self.shape)
+        return np.stack([g.random(size) if self.uniform else g.standard_normal(size) for g in self._generators], axis=1)
+
+
 def normals(seed: int, trials: Trials, stream: Stream, ticks: int, size: int) -> Array:
     """Standard normal numbers of a whole run, (ticks, trials, size)."""
-    return np.stack([generator(seed, int(t), stream).standard_normal((ticks, size)) for t in trials], axis=1)
+    return RandomStream(seed, trials, stream, (size,)).ticks(ticks)
 
 
 def uniforms(seed: int, trials: Trials, stream: Stream, ticks: int, size: int) -> Array:
     """Uniform numbers in [0, 1) of a whole run, (ticks, trials, size)."""
-    return np.stack([generator(seed, int(t), stream).random((ticks, size)) for t in trials], axis=1)
+    return RandomStream(seed, trials, stream, (size,), uniform=True).ticks(ticks)
 
 
 def gauss_markov(white: Array, std: Array, correlation_s: Array, dt: float) -> Array:

@@ -21,7 +21,6 @@ from sim.campaign.blocks import simulate
 from sim.estimators.formation import agents_filter
 from sim.faults.effects import INERTIA
 from sim.faults.timeline import schedule
-from sim.formation_randomness import Blocks
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.formation import apart_squared, formation_angle
@@ -29,6 +28,7 @@ from sim.metrics.formation import settling_time
 from sim.metrics.results import rows
 from sim.network.messages import Network
 from sim.plant.formation import FormationPlant
+from sim.randomness import RandomStream
 from sim.report.register import write_report
 from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
@@ -205,7 +205,7 @@ def network(fault, skip=False):
     described = scenario(ticks=10, faults=[{"start_s": 0.0, "end_s": 0.1} | fault])
     graph = described.communication()
     faults = schedule([described.faults] * 2, described.parts, 5, np.arange(2), 10, 0.01)
-    return graph, Network(graph, faults, Blocks(5, np.arange(2), 2001, (len(graph.ways),), uniform=True), skip)
+    return graph, Network(graph, faults, RandomStream(5, np.arange(2), 2001, (len(graph.ways),), uniform=True), skip)
 
 
 def say(k):

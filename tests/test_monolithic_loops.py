@@ -8,7 +8,7 @@ import pytest
 from models.attitude import quaternion
 from models.plants.inertia import tensor
 from models.plants.monolithic import MonolithicParameters
-from sim.estimators.particle_observer import DrawBlocks
+from sim.estimators.particle_draws import ParticleDraws
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
@@ -156,17 +156,17 @@ def test_a_trial_is_the_same_in_any_batch(loop: str):
 
 def test_a_particle_filter_draws_the_same_numbers_however_many_at_a_time(monkeypatch: pytest.MonkeyPatch):
     settings = ("pf", 3, np.array([0, 5]), 20, 7, True)
-    many = DrawBlocks(*settings)
-    monkeypatch.setattr("sim.estimators.particle_observer.BLOCK_NUMBERS", 2000)
-    few = DrawBlocks(*settings)
+    many = ParticleDraws.of_a_filter(*settings)
+    monkeypatch.setattr("sim.estimators.particle_draws.BLOCK_NUMBERS", 2000)
+    few = ParticleDraws.of_a_filter(*settings)
     for _ in range(30):
-        for one, other in zip(many.following(), few.following(), strict=True):
+        for one, other in zip(many.step(), few.step(), strict=True):
             np.testing.assert_array_equal(one, other)
-    first = DrawBlocks(*settings).following()
+    first = ParticleDraws.of_a_filter(*settings).step()
     assert first.normals.shape == first.jitter.shape == (2, 20, 7)
     assert first.uniforms.shape == (2, 20)
     assert not np.isin(first.normals, first.jitter).any()
-    assert not np.isin(first.normals, DrawBlocks("another", *settings[1:]).following().normals).any()
+    assert not np.isin(first.normals, ParticleDraws.of_a_filter("another", *settings[1:]).step().normals).any()
 
 
 def test_a_particle_filter_is_the_same_in_a_loop_of_its_own_and_among_others():

@@ -14,9 +14,8 @@ from models.plants.register.entries import kind_of
 from models.plants.register.kind import AirTorque, DriveErrors
 from models.plants.register.parameters import SeveralParameters
 from sim.faults.timeline import Timeline
-from sim.formation_randomness import Blocks, FormationStream
 from sim.plant.formation import AgentsTruth
-from sim.randomness import Trials
+from sim.randomness import RandomStream, Stream, Trials
 from sim.sensors.sensors import SENSOR_SETS
 
 Array = NDArray[np.floating]
@@ -77,9 +76,9 @@ class Drives:
         self._allocation = PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit)
         self._step = 2.0 * assembly.wheel_torque_limit / 2**errors.command_bits if errors.command_bits else 0.0
         agents, wheels = len(assembly.attitude_joints), assembly.wheel_axes.shape[1]
-        self._noise = Blocks(seed, trials, FormationStream.DRIVE, (agents, wheels))
-        self._misread = Blocks(seed, trials, FormationStream.TACHOMETER, (agents, wheels))
-        self._gusts = Blocks(seed, trials, FormationStream.AIR, (agents, 3))
+        self._noise = RandomStream(seed, trials, Stream.AGENTS_DRIVE, (agents, wheels))
+        self._misread = RandomStream(seed, trials, Stream.AGENTS_TACHOMETER, (agents, wheels))
+        self._gusts = RandomStream(seed, trials, Stream.AGENTS_AIR, (agents, 3))
         self._fade = float(np.exp(-dt / air.correlation_s))
         self._air: Array | None = None
 

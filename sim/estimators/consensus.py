@@ -22,7 +22,7 @@ from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AGENTS
 from sim.estimators.learner_settings import Adaptive, Exact, LoopSettings, Marginalised, Nothing, TuningSettings, Unscented
-from sim.estimators.particle_observer import DrawBlocks
+from sim.estimators.particle_draws import ParticleDraws
 from sim.randomness import Trials
 
 Array = NDArray[np.floating]
@@ -136,7 +136,7 @@ class ByFilter(NoLearning):
 class ByParticles(NoLearning):
     """State and weights by the marginalised unscented particle filter."""
 
-    def __init__(self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, draws: DrawBlocks) -> None:
+    def __init__(self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, draws: ParticleDraws) -> None:
         super().__init__(name, process)
         self.filter, self._draws = marginalised, draws
 
@@ -153,7 +153,7 @@ class ByParticles(NoLearning):
         self._draws.rewind()
 
     def _following(self) -> BlockDraws:
-        draws = self._draws.following()
+        draws = self._draws.step()
         each = (len(draws.uniforms), AGENTS, self.filter.particles)
         return BlockDraws(draws.normals.reshape(*each, self.filter.size), draws.uniforms.reshape(each))
 
@@ -177,7 +177,7 @@ def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: 
             return ByFilter(name, process, joint_filter(process, tuning, settings))
         case Marginalised():
             marginalised = marginalised_filter(process, tuning, settings)
-            draws = DrawBlocks(f"consensus/{name}", seed, trials, AGENTS * settings.particles, marginalised.size, False)
+            draws = ParticleDraws.of_a_filter(f"consensus/{name}", seed, trials, AGENTS * settings.particles, marginalised.size)
             return ByParticles(name, process, marginalised, draws)
 
 

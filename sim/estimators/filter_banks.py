@@ -31,7 +31,8 @@ from models.plants.register.entries import kind_of
 from models.plants.register.parameters import BodyParameters
 from sim.estimators.learning_observer import LearningObserver, learning_observer
 from sim.estimators.learning_settings import Learning
-from sim.estimators.particle_observer import DrawBlocks, ParticleObserver
+from sim.estimators.particle_draws import ParticleDraws
+from sim.estimators.particle_observer import ParticleObserver
 from sim.estimators.settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
 from sim.randomness import Trials
 from sim.sensors.sensors import SensorSettings
@@ -248,7 +249,7 @@ def build_filter_banks(
         if isinstance(single, ParticleFilter):
             if trials is None:
                 raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")
-            numbers = DrawBlocks(name, seed, trials, single.particles, single.size, single.roughening > 0.0)
+            numbers = ParticleDraws.of_a_filter(name, seed, trials, single.particles, single.size, single.roughening > 0.0)
             groups.append([(name, ParticleObserver(single, numbers))])
             continue
         for group in groups:

@@ -20,8 +20,8 @@ from estimation.unscented import UnscentedFilter
 from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 from models.dynamics.measurement import PartOfState
 from models.plants.register.parameters import SeveralParameters
+from sim.estimators.particle_draws import ParticleDraws
 from sim.estimators.rodrigues_settings import AukfSettings, PfSettings
-from sim.formation_randomness import ParticleDraws
 from sim.randomness import Trials
 
 Array = NDArray[np.floating]
@@ -113,7 +113,7 @@ class AgentsFilter:
         lead = reading.shape[:-1]
         if isinstance(self.filter, ParticleFilter):
             assert self.draws is not None
-            draws = self.draws.tick()
+            draws = self.draws.step()
             first: Any = self.filter.initial(reading, draws)
             if belief is None:
                 return FilterStep(first, np.zeros(lead, dtype=bool))
@@ -156,7 +156,7 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Several
             space=Euclidean(),
             measurement=sigma,
         )
-        return AgentsFilter(name, filtered, ParticleDraws.of(name, seed, trials, plant.agents, settings.particles, 6))
+        return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6))
     law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
     spread = settings.alpha, settings.beta, settings.kappa
     covariance = noise.matrix @ noise.matrix.T

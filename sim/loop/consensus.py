@@ -16,12 +16,11 @@ from sim.estimators.consensus import AppliedControl, Learned, learner
 from sim.estimators.learner_settings import Adaptive, Exact
 from sim.faults.effects import DISTURBANCE, DYNAMICS, SLIDING
 from sim.faults.timeline import Timeline, schedule
-from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.closed_loop import System
 from sim.network.messages import Messages, Network
 from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
-from sim.randomness import Trials
+from sim.randomness import RandomStream, Stream, Trials
 from sim.scenario.consensus import ConsensusScenario
 from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import PlanarUserLaw
@@ -188,7 +187,7 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     parameters = scenario.plant.model_copy(update={"step_s": min(scenario.plant.step_s, dt)})
     plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
     graph = scenario.graph.build()
-    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
+    losses = RandomStream(run.seed, trials, Stream.MESSAGES, (len(graph.ways),), uniform=True)
     user_law = user_code.control(surroundings(scenario))
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
     faults = schedule([scenario.faults] * len(trials), scenario.parts, run.seed, trials, run.ticks * inner, dt)
@@ -196,7 +195,7 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
         plant=plant,
-        sensors=AgentsSensors(deviation, Blocks(run.seed, trials, FormationStream.READING, (AGENTS, 4)), np.array([2, 2]), faults),
+        sensors=AgentsSensors(deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (AGENTS, 4)), np.array([2, 2]), faults),
         estimators=consensus_estimators(scenario, name, trials, user_code),
         feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt),
         network=Network(graph, faults, losses, skip=False),

@@ -18,13 +18,12 @@ from sim.controllers.drives import WheelMomentum, effectors
 from sim.estimators.formation import agents_filter
 from sim.faults.effects import GAINS
 from sim.faults.timeline import Timeline, schedule
-from sim.formation_randomness import Blocks, FormationStream
 from sim.loop.body_parts import MASSES, lock_wheels, masses
 from sim.loop.closed_loop import System
 from sim.network.messages import Messages, Network
 from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.formation import AgentsTruth, FormationPlant
-from sim.randomness import Trials
+from sim.randomness import RandomStream, Stream, Trials
 from sim.scenario.formation import FormationScenario
 from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import FormationUserLaw
@@ -255,11 +254,11 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     user_law = user_code.control(surroundings(scenario))
     law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
     record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm)
-    losses = Blocks(run.seed, trials, FormationStream.MESSAGES, (len(graph.ways),), uniform=True)
+    losses = RandomStream(run.seed, trials, Stream.MESSAGES, (len(graph.ways),), uniform=True)
     return System(
         plant=plant,
         sensors=AgentsSensors(
-            scenario.reading_deviation, Blocks(run.seed, trials, FormationStream.READING, (agents, 3)), np.array([3]), faults
+            scenario.reading_deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (agents, 3)), np.array([3]), faults
         ),
         estimators=estimators,
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),

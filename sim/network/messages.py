@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from control.communication_graph import CommunicationGraph
 from sim.faults.effects import CUT, LOSS, MESSAGE_AGE
 from sim.faults.timeline import Timeline
-from sim.formation_randomness import Blocks
+from sim.randomness import RandomStream
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -27,7 +27,7 @@ class Messages(NamedTuple):
 class Network:
     """Carries the messages of a run, tick after tick, in all trials."""
 
-    def __init__(self, graph: CommunicationGraph, faults: Timeline, losses: Blocks, skip: bool) -> None:
+    def __init__(self, graph: CommunicationGraph, faults: Timeline, losses: RandomStream, skip: bool) -> None:
         self._graph, self._faults, self._losses, self._skip = graph, faults, losses, skip
         late = faults.tracks.get(MESSAGE_AGE)
         self._longest = 0 if late is None else int(np.round(late.values.max() / faults.dt))

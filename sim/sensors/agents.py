@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim.faults.effects import AGE, BIAS, MISSING, NOISE
 from sim.faults.timeline import Timeline
-from sim.formation_randomness import Blocks
+from sim.randomness import RandomStream
 
 Array = NDArray[np.floating]
 
@@ -36,7 +36,7 @@ class AgentsSensors:
     """
 
     deviation: Array | float
-    noise: Blocks
+    noise: RandomStream
     components: NDArray[np.int64]
     faults: Timeline
     _passed: list[Array] = field(default_factory=list)
