@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,55 +16,18 @@ from estimation.gaussian import Belief, Detection, LostDefiniteness, no_detectio
 from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain
 from estimation.particle import ParticleFilter
-from estimation.proposals import PROPOSALS, ConstantNoise
-from estimation.resampling import SCHEMES
 from estimation.stacking import stack, stackable
-from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
-from estimation.unscented import UnscentedFilter, euler
-from models.attitude.quaternion import IDENTITY
-from models.dynamics.measurement import MeasurementModel, WholeState
-from models.dynamics.process import ProcessModel, predict, predict_euler, runge_kutta
-from models.dynamics.stacked_measurement import PartOfReading
-from models.dynamics.state_layout import MOTION
-from models.dynamics.vector_part_measurement import VectorPart
-from models.dynamics.wheel_faults import WheelFault
-from models.plants.register.entries import kind_of
-from models.plants.register.parameters import BodyParameters
-from sim.estimators.learning_observer import LearningObserver, learning_observer
-from sim.estimators.learning_settings import Learning
+from estimation.state_space import StateSpace
+from estimation.unscented import UnscentedFilter
+from sim.estimators.believed import Models
+from sim.estimators.learning_observer import LearningObserver
+from sim.estimators.observer import ObserverBase, Place
 from sim.estimators.particle_draws import ParticleDraws
 from sim.estimators.particle_observer import ParticleObserver
-from sim.estimators.settings import Aukf, ExtendedSettings, Imm, Mekf, ObserverSettings, Pf, Ukf
 from sim.randomness import Trials
 from sim.sensors.sensors import SensorSettings
 
 Array = NDArray[np.floating]
-
-
-@dataclass(frozen=True, eq=False)
-class Models:
-    """Analytic models of the plant that a filter can be built on."""
-
-    plain: ProcessModel  # as the paper writes it
-    with_drag: ProcessModel  # knows the wheels' friction
-    parameters: BodyParameters
-
-    @classmethod
-    def of(cls, parameters: BodyParameters) -> Models:
-        """Models of a plant."""
-        believed = kind_of(parameters).believed
-        return cls(believed(parameters, False, None), believed(parameters, True, None), parameters)
-
-    def believing(self, wheel_drag: bool, fault: WheelFault | None) -> ProcessModel:
-        """The model that believes in a fault of the wheels, or none."""
-        if fault is None:
-            return self.with_drag if wheel_drag else self.plain
-        return kind_of(self.parameters).believed(self.parameters, wheel_drag, fault)
-
-    @property
-    def speeds_are_states(self) -> bool:
-        """Whether the wheel speeds are estimated; otherwise they are read and taken as known."""
-        return "wheels" in kind_of(self.parameters).layout(self.parameters).places
 
 
 class Observer(Protocol):
@@ -168,71 +132,8 @@ GaussianFilter = ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | In
 Single = GaussianFilter | ParticleObserver | LearningObserver
 
 
-def build_filter(settings: ExtendedSettings | Imm, models: Models, sensors: SensorSettings, wheels: int) -> GaussianFilter | ParticleFilter:
-    """The filter that the settings stand for."""
-    if not isinstance(settings, Imm):
-        return _single(settings, models, sensors, wheels, None)
-    members = tuple(_member(settings.filter, models, sensors, wheels, fault) for fault in settings.faults(wheels))
-    limits = (settings.declare_above, settings.withdraw_below)
-    return InteractingMultipleModel(members, settings.matrix, settings.start, settings.floor, *limits)
-
-
-def _member(
-    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault
-) -> ExtendedFilter | UnscentedFilter:
-    """A filter with the model of a mode."""
-    single = _single(settings, models, sensors, wheels, fault)
-    assert isinstance(single, ExtendedFilter | UnscentedFilter)
-    return single
-
-
-def _single(
-    settings: ExtendedSettings, models: Models, sensors: SensorSettings, wheels: int, fault: WheelFault | None
-) -> ExtendedFilter | UnscentedFilter | AdaptiveUnscentedFilter | ParticleFilter:
-    """A filter with one model of the wheels."""
-    tuning = settings.numbers
-    q, r, layer = tuning.scaled(sensors)
-    multiplicative = isinstance(settings, Mekf) or (isinstance(settings, Ukf) and settings.coordinates == "multiplicative")
-    counts = [3 if multiplicative else 4, 3, wheels if models.speeds_are_states else 0]
-    unit = np.array([4.0, 1.0, 1.0]) if multiplicative else np.ones(3)  # a rotation vector is twice the quaternion's vector part
-    by_vector = isinstance(settings, Aukf | Pf) and settings.measured == "vector"
-    space: StateSpace = Multiplicative() if multiplicative else Signed() if by_vector else Additive()
-    noise_of_reading = np.diag(np.repeat(unit * r, counts))
-    read: MeasurementModel = VectorPart(noise_of_reading) if by_vector else WholeState(noise_of_reading, space.attitude)
-    if not models.speeds_are_states:
-        read = PartOfReading(read, MOTION)  # wheel speeds are inputs
-    common: dict[str, Any] = {
-        "process": models.believing(tuning.wheel_drag, fault),
-        "process_noise": np.diag(np.repeat(unit * q, counts)),
-        "measurement_noise": None,
-        "measurement": read,
-        "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
-        "prior_variance": np.repeat([1.0, settings.initial_rate_rad_s**2, 1e4], counts),
-        "space": space,
-    }
-    explicit = settings.discretization == "euler"
-    noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
-    if isinstance(settings, Pf):
-        return ParticleFilter(
-            **common | {"process_noise": noise},
-            particles=settings.particles,
-            proposal=PROPOSALS[settings.proposal],
-            resampling=SCHEMES[settings.resampling],
-            threshold=settings.threshold,
-            roughening=settings.roughening,
-            integrate=euler if explicit else runge_kutta,
-        )
-    if isinstance(settings, Ukf):
-        common |= {"alpha": settings.alpha, "beta": settings.beta, "kappa": settings.kappa}
-        unscented = UnscentedFilter(**common, integrate=euler if explicit else runge_kutta)
-        if isinstance(settings, Aukf):
-            return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law)
-        return unscented
-    return ExtendedFilter(**common, gain=settings.law(np.repeat(layer, counts)), prediction=predict_euler if explicit else predict)
-
-
 def build_filter_banks(
-    observers: dict[str, ObserverSettings],
+    observers: Mapping[str, ObserverBase],
     models: Models,
     sensors: SensorSettings,
     wheels: int,
@@ -242,10 +143,7 @@ def build_filter_banks(
     """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
     groups: list[list[tuple[str, Single]]] = []
     for name, settings in observers.items():
-        if isinstance(settings, Learning):
-            groups.append([(name, learning_observer(settings, models.parameters, sensors))])
-            continue
-        single = build_filter(settings, models, sensors, wheels)
+        single = settings.build(Place(models, sensors, wheels))
         if isinstance(single, ParticleFilter):
             if trials is None:
                 raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")

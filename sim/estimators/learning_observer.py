@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from models.dynamics.stacked_measurement import PartOfReading
 from models.dynamics.state_layout import MOTION, WHEELS
 from models.plants.register.entries import kind_of
 from models.plants.register.parameters import BodyParameters
-from sim.estimators.learning_settings import Learning
 from sim.sensors.sensors import SensorSettings
 
 Array = NDArray[np.floating]
@@ -61,7 +60,7 @@ class LearningObserver:
         return belief._replace(mean=belief.mean[..., MOTION], covariance=own, memory=LearningMemory(belief, learned))
 
 
-def learning_observer(settings: Learning, parameters: BodyParameters, sensors: SensorSettings) -> LearningObserver:
+def learning_observer(settings: Any, parameters: BodyParameters, sensors: SensorSettings) -> LearningObserver:
     """The observer that the settings stand for."""
     learnable = kind_of(parameters).learnable
     if learnable is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +12,22 @@ from pydantic import Field, model_validator
 from models.dynamics.learned_torque import Input, TorqueBasis
 from models.plants.register.entries import KINDS, kind_of
 from models.plants.register.parameters import BodyParameters
-from models.sections import NonNegative, Positive, Section
+from models.sections import NonNegative, Positive
 from sim.estimators.fading import FadingSettings, NoFadingSettings
-from sim.estimators.tunings import LEAST_VARIANCE, TUNINGS, Tuning
+from sim.estimators.learning_observer import learning_observer
+from sim.estimators.observer import ObserverBase, Place
 
 Array = NDArray[np.floating]
 
 UNKNOWABLE = ("inertia", "lock")  # faults that change what is there to be learned
 
 
-class Learning(Section):
+class Learning(ObserverBase):
     """Joint adaptive unscented filter of attitude, rate and the weights of an unmodelled torque; wheel speeds are read."""
 
+    learns: ClassVar[bool] = True
+
     type: Literal["learning"]
-    tuning: str | Tuning
     terms: Literal["network", "constant", "none"] = Field("network", description="of the torque in B; none: the plain filter")
     inputs: tuple[Input, ...] = Field(("tilt", "rate", "wheels"), description="of the network")
     order: Annotated[int, Field(ge=1, le=10)] = Field(3, description="of its polynomials")
@@ -47,11 +49,6 @@ class Learning(Section):
             raise ValueError(f"inputs = {list(self.inputs)}: a network needs one or more of 'tilt', 'rate', 'wheels', each once")
         return self
 
-    @property
-    def numbers(self) -> Tuning:
-        """The tuning, by name or as given."""
-        return TUNINGS[self.tuning] if isinstance(self.tuning, str) else self.tuning
-
     def basis(self, wheels: int) -> TorqueBasis | None:
         """What the learned torque can depend on."""
         if self.terms == "none":
@@ -65,13 +62,9 @@ class Learning(Section):
         steps[:, :1] = self.weight_walk_nm if self.constant_walk_nm is None else self.constant_walk_nm
         return steps.ravel()
 
-    def check(self, where: str, wheels: int) -> None:  # noqa: ARG002
-        """Raise ValueError, beginning with `where`, if no innovation covariance could be inverted."""
-        noise = self.numbers.measurement_noise
-        if not isinstance(noise, str) and min(noise) < LEAST_VARIANCE:
-            raise ValueError(
-                f"{where}.tuning.measurement_noise: {min(noise):g} makes the innovation covariance singular; needs {LEAST_VARIANCE:g}"
-            )
+    def build(self, place: Place) -> Any:
+        """The joint filter; of a plant with something to be learned."""
+        return learning_observer(self, place.models.parameters, place.sensors)
 
 
 def compensates(law: Any) -> bool:
@@ -88,7 +81,7 @@ def check_learning(observers: Mapping[str, Any], laws: Mapping[str, Any], plant:
       plant: its settings.
       kinds: of the faults, in their order.
     """
-    learning = {f"observers.{name}": o for name, o in observers.items() if isinstance(o, Learning)}
+    learning = {f"observers.{name}": o for name, o in observers.items() if o.learns}
     users = [*learning, *(f"{where}.compensate_learned" for where, law in laws.items() if compensates(law))]
     if not users:
         return

@@ -2,49 +2,97 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from estimation.extended_kalman import GainLaw, KalmanGain
+from estimation.adaptive_unscented import AdaptiveUnscentedFilter
+from estimation.extended_kalman import ExtendedFilter, GainLaw, KalmanGain
+from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import Fading, SwitchedGain, Windowed
+from estimation.particle import ParticleFilter
+from estimation.proposals import PROPOSALS, ConstantNoise, ProcessNoise
+from estimation.resampling import SCHEMES
 from estimation.sliding_innovation import SlidingGain
+from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
+from estimation.unscented import UnscentedFilter, euler
+from models.attitude.quaternion import IDENTITY
+from models.dynamics.measurement import MeasurementModel, WholeState
+from models.dynamics.process import predict, predict_euler, runge_kutta
+from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.state_layout import MOTION
+from models.dynamics.vector_part_measurement import VectorPart
 from models.dynamics.wheel_faults import WheelFault, lost_axis
 from models.sections import NonNegative, Positive, Section, Share
+from sim.estimators import learning_settings as _  # noqa: F401  # whose kind joins the register
 from sim.estimators.fading import FadingSettings, NoFadingSettings
-from sim.estimators.learning_settings import Learning
-from sim.estimators.tunings import LEAST_VARIANCE, TUNINGS, Tuning
+from sim.estimators.observer import ObserverBase, Place
 
 Array = NDArray[np.floating]
 
 Measured = Literal["quaternion", "vector"]  # what a filter takes of a reading's attitude
 
 
-class ExtendedSettings(Section):
-    """What all filters of the extended family can be told."""
+class Parts(NamedTuple):
+    """What a filter with one model is made of."""
 
-    tuning: str | Tuning
+    common: dict[str, Any]  # arguments of every filter
+    noise: ProcessNoise  # of one step, for filters that can be told more than a matrix
+    layer: Array  # of a sliding gain
+    explicit: bool  # Euler steps
+
+
+class ExtendedSettings(ObserverBase):
+    """What all filters with one model can be told."""
+
     initial_rate_rad_s: Positive = Field(1.0, description="deviation of each rate that the first reading does not hold")
     discretization: Literal["runge-kutta", "euler"] = "runge-kutta"
 
     @property
-    def numbers(self) -> Tuning:
-        """The tuning, by name or as given."""
-        return TUNINGS[self.tuning] if isinstance(self.tuning, str) else self.tuning
+    def by_rotation(self) -> bool:
+        """Whether attitude errors are a rotation vector."""
+        return False
+
+    @property
+    def by_vector(self) -> bool:
+        """Whether the vector part alone is taken of a reading's attitude."""
+        return False
 
     def law(self, boundary_layer: Array) -> GainLaw:
         """Gain of this filter."""
         return KalmanGain()
 
-    def check(self, where: str, wheels: int) -> None:
-        """Raise ValueError, beginning with `where`, if no innovation covariance could be inverted."""
-        noise = self.numbers.measurement_noise
-        if not isinstance(noise, str) and min(noise) < LEAST_VARIANCE:
-            raise ValueError(
-                f"{where}.tuning.measurement_noise: {min(noise):g} makes the innovation covariance singular; needs {LEAST_VARIANCE:g}"
-            )
+    def parts(self, place: Place, fault: WheelFault | None) -> Parts:
+        """What the filter is made of, believing in a fault of the wheels or none."""
+        models, tuning = place.models, self.numbers
+        q, r, layer = tuning.scaled(place.sensors)
+        counts = [3 if self.by_rotation else 4, 3, place.wheels if models.speeds_are_states else 0]
+        unit = np.array([4.0, 1.0, 1.0]) if self.by_rotation else np.ones(3)  # a rotation vector is twice the quaternion's vector part
+        space: StateSpace = Multiplicative() if self.by_rotation else Signed() if self.by_vector else Additive()
+        noise_of_reading = np.diag(np.repeat(unit * r, counts))
+        read: MeasurementModel = VectorPart(noise_of_reading) if self.by_vector else WholeState(noise_of_reading, space.attitude)
+        if not models.speeds_are_states:
+            read = PartOfReading(read, MOTION)  # wheel speeds are inputs
+        common: dict[str, Any] = {
+            "process": models.believing(tuning.wheel_drag, fault),
+            "process_noise": np.diag(np.repeat(unit * q, counts)),
+            "measurement_noise": None,
+            "measurement": read,
+            "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
+            "prior_variance": np.repeat([1.0, self.initial_rate_rad_s**2, 1e4], counts),
+            "space": space,
+        }
+        noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
+        return Parts(common, noise, np.repeat(layer, counts), self.discretization == "euler")
+
+    def build(self, place: Place, fault: WheelFault | None = None) -> Any:
+        """An extended filter with this gain."""
+        parts = self.parts(place, fault)
+        return ExtendedFilter(**parts.common, gain=self.law(parts.layer), prediction=predict_euler if parts.explicit else predict)
 
 
 class Ekf(ExtendedSettings):
@@ -57,6 +105,11 @@ class Mekf(ExtendedSettings):
     """Multiplicative extended Kalman filter, attitude errors as a rotation."""
 
     type: Literal["mekf"]
+
+    @property
+    def by_rotation(self) -> bool:
+        """They are."""
+        return True
 
 
 class Sif(ExtendedSettings):
@@ -103,6 +156,20 @@ class Ukf(ExtendedSettings):
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
 
+    @property
+    def by_rotation(self) -> bool:
+        """Whether attitude errors are a rotation vector."""
+        return self.coordinates == "multiplicative"
+
+    def build(self, place: Place, fault: WheelFault | None = None) -> Any:
+        """An unscented filter."""
+        return self.unscented(self.parts(place, fault))
+
+    def unscented(self, parts: Parts) -> UnscentedFilter:
+        """The filter without a fading memory."""
+        integrate = euler if parts.explicit else runge_kutta
+        return UnscentedFilter(**parts.common, alpha=self.alpha, beta=self.beta, kappa=self.kappa, integrate=integrate)
+
 
 class Aukf(Ukf):
     """Adaptive unscented Kalman filter: with a fading memory."""
@@ -118,6 +185,16 @@ class Aukf(Ukf):
         if self.coordinates == "multiplicative" and (self.measured == "vector" or self.numbers.matched):
             raise ValueError(f"{where}.coordinates: measured = 'vector' and matched process noise need 'additive'")
 
+    @property
+    def by_vector(self) -> bool:
+        """Whether the vector part alone is taken of a reading's attitude."""
+        return self.measured == "vector"
+
+    def build(self, place: Place, fault: WheelFault | None = None) -> Any:
+        """An unscented filter with a fading memory."""
+        parts = self.parts(place, fault)
+        return AdaptiveUnscentedFilter(self.unscented(parts), parts.noise, self.fading.law)
+
 
 class Pf(ExtendedSettings):
     """Particle filter."""
@@ -129,6 +206,24 @@ class Pf(ExtendedSettings):
     threshold: Share = Field(0.5, description="effective share of the particles below which they are resampled")
     roughening: NonNegative = Field(0.0, description="K of Gordon, Salmond & Smith (1993); 0: none")
     measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
+
+    @property
+    def by_vector(self) -> bool:
+        """Whether the vector part alone is taken of a reading's attitude."""
+        return self.measured == "vector"
+
+    def build(self, place: Place, fault: WheelFault | None = None) -> Any:
+        """A particle filter; its random numbers are handed in."""
+        parts = self.parts(place, fault)
+        return ParticleFilter(
+            **parts.common | {"process_noise": parts.noise},
+            particles=self.particles,
+            proposal=PROPOSALS[self.proposal],
+            resampling=SCHEMES[self.resampling],
+            threshold=self.threshold,
+            roughening=self.roughening,
+            integrate=euler if parts.explicit else runge_kutta,
+        )
 
 
 class WheelMode(Section):
@@ -143,11 +238,10 @@ class WheelMode(Section):
 FilterSettings = Annotated[Ekf | Mekf | Ukf, Field(discriminator="type")]
 
 
-class Imm(Section):
+class Imm(ObserverBase):
     """Interacting multiple model: one filter for each mode of operation of the wheels, the first mode being the healthy one."""
 
     type: Literal["imm"]
-    tuning: str | Tuning
     filter: FilterSettings = Field(description="the kind of the members")
     modes: tuple[tuple[WheelMode, ...], ...] = Field(description="for each mode what is wrong with which wheels; [] is healthy")
     stay_probability: Annotated[float, Field(gt=0, lt=1)] = Field(0.9999, description="of a mode in a tick; the others share the rest")
@@ -177,6 +271,17 @@ class Imm(Section):
     def start(self) -> Array:
         """Probabilities at the start, (modes,)."""
         return np.full(len(self.modes), 1.0 / len(self.modes)) if self.initial is None else np.array(self.initial)
+
+    @property
+    def mode_settings(self) -> tuple[tuple[WheelMode, ...], ...]:
+        """The modes."""
+        return self.modes
+
+    def build(self, place: Place) -> Any:
+        """One filter for each mode, mixed."""
+        members = tuple(self.filter.build(place, fault) for fault in self.faults(place.wheels))
+        limits = (self.declare_above, self.withdraw_below)
+        return InteractingMultipleModel(members, self.matrix, self.start, self.floor, *limits)
 
     def faults(self, wheels: int) -> tuple[WheelFault, ...]:
         """The modes."""
@@ -225,4 +330,7 @@ def _wheel_fault(mode: tuple[WheelMode, ...], wheels: int) -> WheelFault:
     return WheelFault(indicator, torque)
 
 
-ObserverSettings = Annotated[Ekf | Mekf | Sif | NisSwitched | Ukf | Aukf | Pf | Imm | Learning, Field(discriminator="type")]
+if TYPE_CHECKING:
+    ObserverSettings = ObserverBase
+else:
+    ObserverSettings = Annotated[reduce(or_, ObserverBase.kinds), Field(discriminator="type")]

@@ -18,9 +18,9 @@ from models.plants.register.entries import kind_of
 from models.plants.register.kind import DriveErrors, PlantKind
 from sim import randomness
 from sim.controllers.tracking import TrackingLaw, target_channels
-from sim.estimators.filter_banks import Models, build_filter_banks
-from sim.estimators.learning_settings import Learning, compensates
-from sim.estimators.settings import Imm
+from sim.estimators.believed import Models
+from sim.estimators.filter_banks import build_filter_banks
+from sim.estimators.learning_settings import compensates
 from sim.faults.timeline import schedule
 from sim.loop.body_parts import BodyChange, BodyChannels, BodyEffectors, BodyFeedback
 from sim.loop.closed_loop import System
@@ -58,7 +58,7 @@ def build_body(
     sensors = SensorArrays.of(variants.sensors)
     faults = schedule(variants.faults, scenario.parts, run.seed, trials, run.ticks, run.tick_s)
     observer = scenario.observers.get(law.feedback)
-    modes = observer.faults(wheels) if isinstance(observer, Imm) else (WheelFault.healthy(wheels),)
+    modes = (WheelFault.healthy(wheels),) if observer is None else observer.faults(wheels)
     estimators = body_estimators(scenario, trials, user_code)
     controller = tracking(user_code.control(surroundings(scenario))) or law.controller(replace(assembly, inertia=inertia), run.tick_s)
     plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(kind, scenario, variants)
@@ -105,7 +105,7 @@ def _air(kind: PlantKind[Any], scenario: Scenario, variants: Variants, trials: N
 
 def _unmodelled(kind: PlantKind[Any], scenario: Scenario, variants: Variants) -> UnmodelledTorque | None:
     """The torque that each trial's plant has and no filter knows, if somebody learns it or knows it from the truth."""
-    if not (compensates(scenario.law) or any(isinstance(o, Learning) for o in scenario.observers.values())):
+    if not (compensates(scenario.law) or any(o.learns for o in scenario.observers.values())):
         return None
     return kind.learnable.torque(variants.plants) if kind.learnable else None
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from models.sections import Section
 from sim.controllers.settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
-from sim.estimators.settings import Imm, ObserverSettings
+from sim.estimators.settings import ObserverSettings
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.named_sections import is_taken
 
@@ -52,11 +52,11 @@ def check_laws(laws: Mapping[str, ControlSettings], observers: Mapping[str, Obse
         if law.feedback not in sources:
             raise ValueError(f"{where}.feedback: no observer {law.feedback!r}; there are {', '.join(sources)}")
         observer = observers.get(law.feedback)
-        modes = len(observer.modes) if isinstance(observer, Imm) else 1
+        modes = max(1, len(observer.mode_settings)) if observer is not None else 1
         for key, gains in law.gains.items():
             if isinstance(gains, tuple) and len(gains) != modes:
                 raise ValueError(f"{where}.{key}: {len(gains)} gains for the {modes} modes of {law.feedback}; give one a mode, or one")
-        if isinstance(law.allocation, ModeWeightedSettings) and not isinstance(observer, Imm):
+        if isinstance(law.allocation, ModeWeightedSettings) and not (observer is not None and observer.mode_settings):
             raise ValueError(f"{where}.allocation: mode-weighted needs the mode probabilities of an observer of type imm as feedback")
 
 

@@ -11,7 +11,6 @@ from models.plants.register.entries import kind_of
 from models.sections import NonNegative, Section
 from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import check_learning
-from sim.estimators.settings import Imm
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
@@ -133,10 +132,7 @@ class Scenario(Section):
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
         return kind_of(self.plant).warnings(self.plant) + [
-            line
-            for name, o in self.observers.items()
-            if isinstance(o, Imm)
-            for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
+            line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
         ]
 
     @property

@@ -15,7 +15,7 @@ from control.gain_blending import blend
 from models.attitude import quaternion
 from models.attitude.euler_angles import to_euler_313, wrapped_difference
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
-from sim.estimators.settings import Imm, WheelMode
+from sim.estimators.settings import WheelMode
 from sim.loop.recording import Recording
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
@@ -94,7 +94,7 @@ class Flight:
     @property
     def _believed(self) -> tuple[tuple[WheelMode, ...], ...]:
         observer = self.scenario.observers.get(self.closing or "")
-        return observer.modes if isinstance(observer, Imm) else ()
+        return () if observer is None else observer.mode_settings
 
     @property
     def gains(self) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from estimation.state_space import Euclidean, Multiplicative, StateSpace
 from models.dynamics.process import ProcessModel
 from models.dynamics.state_layout import StateLayout
 from models.plants.register.entries import kind_of
-from sim.estimators.filter_banks import Models
+from sim.estimators.believed import Models
 from sim.faults.kinds import Fault
 from sim.faults.readings import DropOut
 from sim.scenario.consensus import ConsensusScenario
