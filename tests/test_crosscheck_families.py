@@ -306,7 +306,7 @@ LOOPS = [
     (["wmap/compare", "--loop", "x"], ["--loop x", "there are pd-ukf, pd-imm"]),
     (["nacs/fault-free", "--loop", "pd"], ["--loop pd", "a single loop"]),
     (["monolithic/fault-free", "--model", "beleived"], ["--model beleived", "did you mean believed?"]),
-    (["formation/fault-free"], ["formation"]),
+    (["formation/fault-free", "--loop", "x"], ["--loop x", "there are truth, aukf"]),
 ]
 
 

@@ -58,21 +58,16 @@ def test_a_mode_that_loses_an_axis_is_a_warning_with_the_axis(nacs) -> None:
     assert "warning: observers.imm.modes.1: its wheels give no torque about [1.00, 0.00, 0.00] in B" in result.err
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [("--live",), ("--export-log",), ("--controller", "x.py:X")],
-)
-def test_what_needs_one_loop_says_so(nacs, tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    (tmp_path / "x.py").write_text("class X:\n    def step(self, estimate, target): ...\n")
-    result = nacs("run", "wmap/compare", *arguments)
-    assert result.code == 2
-    assert "one [control]" in result.err
-
-
-def test_a_command_for_one_body_refuses_several(nacs) -> None:
-    result = nacs("crosscheck", "formation/fault-free")
-    assert result.code == 2
-    assert result.err == "error: formation/fault-free is of several agents; the cross-check is of one body\n"
+def test_a_cross_check_of_agents_shows_all_models(nacs, tmp_path: Path) -> None:
+    short = ("--set", "run.ticks=201", "--set", "phases={}", "--trials", 2)
+    result = nacs("crosscheck", "formation/fault-free", *short, "--out", "it")
+    assert result.code == 0, result.err
+    assert "true inertia stays within 0.0001 deg" in " ".join(result.out.split())
+    assert {path.name for path in (tmp_path / "it").iterdir()} == {"crosscheck.png", "summary.json"}
+    planar = nacs("crosscheck", "consensus/fault-free", "--set", "run.ticks=101", "--trials", 1, "--loop", "none", "--out", "planar")
+    assert planar.code == 0, planar.err
+    refused = nacs("crosscheck", "formation/fault-free", *short, "--model", "exact")
+    assert (refused.code, refused.err) == (2, "error: --model: is for one body; of several agents all models are shown\n")
 
 
 def test_a_trial_of_a_campaign_of_several_loops_can_be_flown_alone(nacs, tmp_path: Path) -> None:

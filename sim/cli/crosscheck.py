@@ -96,6 +96,8 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     if loop is not None and loop not in loaded.loop_names:
         raise BadInput(f"--loop {loop}: no such loop; there are {', '.join(loaded.loop_names)}")
     instants = _instants(loaded, at, agents.INSTANTS_S)
+    needed = min(loaded.run.ticks, round(max(instants) / loaded.run.tick_s) + 1)
+    loaded = loaded.model_copy(update={"run": loaded.run.model_copy(update={"ticks": needed})})
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     try:
