@@ -68,8 +68,7 @@ def simulate(
         shown = recording.select(np.flatnonzero(np.isin(recording.trials, _worth_recording(recording, recorded))))
         if len(shown.trials):
             recordings[name] = shown
-    end = max((recording.counted for recording in recordings.values()), default=0)
-    recordings = {name: recording.until(end) for name, recording in recordings.items()} if end else {}
+    recordings = _kept(recordings, recorded, tuple(lost.values()))
     alive = np.array([trial for trial in trials.tolist() if trial not in lost], dtype=np.int64)
     own = (
         {name: controllers(recording.select(np.flatnonzero(np.isin(trials, alive)))) for name, recording in whole.items()}
@@ -88,6 +87,20 @@ def simulate(
             keep = np.flatnonzero(np.isin(alive, adaptive.trials))
             recordings[settings.adaptive] = replace(adaptive, findings={n: a[keep] for n, a in findings.items()})
     return TrialBlock(alive, [metric.of(trials, alive) for metric in metrics] if len(alive) else [], recordings, tuple(lost.values()))
+
+
+def _kept(recordings: dict[str, Recording], recorded: NDArray[np.int64], lost: tuple[LostTrial, ...]) -> dict[str, Recording]:
+    """What is left of the recordings of all loops.
+
+    Of several loops the trials that broke down in none of them, or else the first that did; of one loop both. All loops are as long.
+    """
+    broken = [one.trial for one in sorted(lost, key=lambda one: one.tick)]
+    sound = [trial for trial in recorded.tolist() if trial not in broken]
+    keep = [*recorded.tolist(), *broken[:1]] if len(recordings) == 1 else sound or broken[:1]
+    kept = {name: recording.select(np.flatnonzero(np.isin(recording.trials, keep))) for name, recording in recordings.items()}
+    kept = {name: recording for name, recording in kept.items() if len(recording.trials)}
+    end = max((recording.counted for recording in kept.values()), default=0)
+    return {name: recording.until(end) for name, recording in kept.items()} if end else {}
 
 
 def _worth_recording(recording: Recording, recorded: NDArray[np.int64]) -> NDArray[np.int64]:

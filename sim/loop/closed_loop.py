@@ -147,12 +147,11 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
                 break
             except LostDefiniteness as failure:
                 position, cause = estimator.blame(failure)
-                whole = bool(broken.failed[position])  # it breaks down even without that trial: nothing of the batch can be saved
-                for lost in range(len(s.trials)) if whole else (position,):
-                    broken.add(lost, tick // s.every, tick * s.dt, cause)
-                if whole:
+                if broken.failed[position]:  # it breaks down even without that trial: nothing of the batch can be saved
+                    broken.add_all(tick // s.every, tick * s.dt, cause)
                     after.append(before)
                     break
+                broken.add(position, tick // s.every, tick * s.dt, cause)
                 estimator.rewind()
                 belief = estimator.put_back(broken.failed, start, belief)
                 known, reading = choose(broken.failed, told.rest, known), choose(broken.failed, first[1], reading)

@@ -42,6 +42,11 @@ class LostTrials:
         self._found.setdefault(position, LostTrial(int(self._trials[position]), tick, time_s, cause))
         self.failed[position] = True
 
+    def add_all(self, tick: int, time_s: float, cause: str) -> None:
+        """All that are left."""
+        for position, _ in enumerate(self._trials):
+            self.add(position, tick, time_s, cause)
+
     @property
     def all(self) -> tuple[LostTrial, ...]:
         """In the order of their numbers."""

@@ -52,14 +52,11 @@ class Scales(NamedTuple):
     def of(cls, recording: Recording, assembly: Assembly, shown: str | None) -> Scales:
         """Round numbers that let the longest arrow and the largest error of a run just fit into the picture."""
         wheels = recording.channels["truth/state"][..., WHEELS]
-        longest = float(np.max(np.abs(wheels), initial=0.0)) * assembly.wheel_inertia
+        longest = float(np.max(np.abs(np.nan_to_num(wheels)), initial=0.0)) * assembly.wheel_inertia
         error = 0.0
         if shown:
-            error = float(
-                np.max(
-                    quaternion.angle(recording.channels[f"{shown}/mean"][..., ATTITUDE], recording.channels["truth/state"][..., ATTITUDE])
-                )
-            )
+            mean, truth = recording.channels[f"{shown}/mean"], recording.channels["truth/state"]
+            error = float(np.max(np.nan_to_num(quaternion.angle(mean[..., ATTITUDE], truth[..., ATTITUDE]))))
         return cls(_round(0.3 * size_of(assembly) / max(longest, 1e-9)), _round(np.radians(10.0) / max(error, 1e-9)))
 
     def __str__(self) -> str:
@@ -85,12 +82,13 @@ def write_recording(
     prefixes = {f"Trial {number}": f"trial_{number}/" if several else "" for number in recording.trials}
     duration = float(recording.time[-1])
     page = blueprint({label: layout(prefix, assembly, recording.thresholds, shown, scales, duration) for label, prefix in prefixes.items()})
-    time = time_column(recording.time)
     with rr.RecordingStream(APPLICATION) as stream:
         stream.save(path, default_blueprint=page)
         describe(stream, scenario_name, configuration)
         for i, prefix in enumerate(prefixes.values()):
             one = recording.select(np.array([i]))
+            one = one.until(one.counted)  # of a trial that broke down what there was until then
+            time = time_column(one.time)
             start(stream, prefix, one.thresholds, assembly, one.channels["reference/q"])
             truth = diagnose(assembly, one.channels["truth/qpos"][:, 0], one.channels["truth/qvel"][:, 0])
             for path_in_file, moved in motion(one, truth, assembly, scales):
