@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
-from sim.replay.filters_over_log import choose
 
 from control.disturbance_compensation import DisturbanceCompensation
 from control.proportional_derivative import ProportionalDerivative
@@ -304,11 +303,6 @@ def test_curves_show_what_was_learned_and_what_was_applied() -> None:
     assert about_y.names[-2:] == ("learned [mN m]", "applied in learned [mN m]")
     np.testing.assert_allclose(about_y.values[:, -1], 1e3 * channels["truth/unmodelled"][:, 1, 1])
     np.testing.assert_allclose(about_y.values[:, -2], 1e3 * channels["network/learned"][:, 1, 1])
-
-
-def test_a_learning_filter_is_not_replayed() -> None:
-    with pytest.raises(BadInput, match="--filter network: is of type learning"):
-        choose(load(NAME), ["network"])
 
 
 def test_compensation_subtracts_and_needs_something_to_subtract() -> None:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from sim.replay.filters_over_log import choose, estimates, judge, replay, setting
 
 from estimation.consistency import average_test
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.replay.flight_log import STATES, export, read
+from sim.replay.estimates import estimates
+from sim.replay.flight_log import FlightLog, export, read
+from sim.replay.flight_log import about as said_by
+from sim.replay.log_columns import columns_of
+from sim.replay.replay import Replayed, judge, replay
+from sim.replay.setting import choose, setting
 from sim.scenario.files import load
 from sim.user_code.user_code import UserCode
 
@@ -41,7 +45,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
     scenario = load("nacs/disturbance", GAPS)
     recording = run(build(scenario, TRIALS))
     path = tmp_path_factory.mktemp("log") / "log.parquet"
-    export(path, recording, scenario, "nacs/disturbance")
+    export(path, {"loop": recording}, scenario, "nacs/disturbance")
     return Flown(path, recording)
 
 
@@ -57,23 +61,29 @@ def replaced(table: pa.Table, name: str, values: object) -> pa.Table:
     return table.set_column(table.column_names.index(name), name, pa.array(values))
 
 
+def run_over(log: FlightLog, scenario: Any, about: dict[str, Any], names: list[str]) -> Replayed:
+    return replay(log, choose(scenario, about, "loop", names)[0], UserCode())
+
+
 def test_replay_gives_every_built_in_observer_to_the_bit(flown: Flown) -> None:
-    (log,), about = read(flown.path)
+    about = said_by(flown.path)
     scenario = setting(about, "log", None, {})
+    (log,) = read(flown.path, columns_of(scenario))
     assert np.isnan(flown.recording.channels["reading"]).any()
     assert flown.recording.channels["nis-fading/declared"].any()
     for name in flown.recording.observers:  # alone, where the loop stepped them as one
-        again = replay(log, scenario, choose(scenario, [name]), UserCode()).recording
+        again = run_over(log, scenario, about, [name]).recording
         for part in PARTS:
             np.testing.assert_array_equal(again.channels[f"{name}/{part}"], flown.recording.channels[f"{name}/{part}"], f"{name}/{part}")
 
 
 def test_a_log_holds_what_the_loop_saw(flown: Flown) -> None:
-    (log,), about = read(flown.path)
+    about = said_by(flown.path)
+    (log,) = read(flown.path, columns_of(setting(about, "log", None, {})))
     channels = flown.recording.channels
     assert list(log.trials) == list(TRIALS)
     assert log.dt == flown.recording.dt
-    for name, array in (("reading", log.reading), ("command", log.command), ("truth/state", log.truth), ("fault", log.fault)):
+    for name, array in (("reading", log.reading), ("command", log.known), ("truth/state", log.truth), ("fault", log.fault)):
         np.testing.assert_array_equal(array, channels[name])
     assert about["settings"]["observers"]["nis-fading"]["tuning"] == "paper"
 
@@ -86,7 +96,7 @@ def test_the_command_replays_what_another_wrote(nacs, tmp_path: Path) -> None:
     assert "nacs/wheel-failure" in result.out
     assert {path.name for path in (tmp_path / "again").iterdir()} == {"estimates.parquet", "summary.json", "replay.png"}
     found = pq.read_table(tmp_path / "again" / "estimates.parquet")
-    assert found.column_names[:3] == ["trial", "tick", "filter"]
+    assert found.column_names[:4] == ["trial", "tick", "filter", "loop"]
     assert found.num_rows == 2 * 450
     rows, flown = (json.loads((tmp_path / folder / "summary.json").read_text())["rows"] for folder in ("again", "it"))
     metrics = {"rmse_residual_rate", "rmse_truth_rate", "nees_mean", "nis_mean", "missed_fraction", "detection_delay_s"}
@@ -113,9 +123,9 @@ def test_trials_may_differ_in_length(tmp_path: Path, table: pa.Table, flown: Flo
     short = table.slice(0, 90).append_column("trial", pa.array([7] * 90))
     whole = table.append_column("trial", pa.array([3] * table.num_rows))
     pq.write_table(pa.concat_tables([short, whole]), tmp_path / "both.parquet")
-    blocks, about = read(tmp_path / "both.parquet")
+    about = said_by(tmp_path / "both.parquet")
     scenario = setting(about, "log", None, {"sensors.dropout_probability": 0.1})
-    two = [replay(block, scenario, choose(scenario, ["mekf"]), UserCode()) for block in blocks]
+    two = [run_over(block, scenario, about, ["mekf"]) for block in read(tmp_path / "both.parquet", columns_of(scenario))]
     first, second = sorted((one.recording for one in two), key=lambda r: r.ticks)
     np.testing.assert_array_equal(first.channels["mekf/mean"], second.channels["mekf/mean"][:90])
     found = pa.concat_tables([estimates(one) for one in two])
@@ -124,7 +134,7 @@ def test_trials_may_differ_in_length(tmp_path: Path, table: pa.Table, flown: Flo
 
 
 def test_settings_mean_what_they_mean_in_a_run(flown: Flown) -> None:
-    (_, about) = read(flown.path)
+    about = said_by(flown.path)
     named = setting(about, "log", "paper", {})
     assert {o.tuning for o in named.observers.values()} == {"paper"}
     common = setting(about, "log", None, {"tuning": "paper", "sensors.set": "paper", "observers.ekf.tuning": "consistent"})
@@ -137,9 +147,9 @@ def test_settings_mean_what_they_mean_in_a_run(flown: Flown) -> None:
 
 def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path) -> None:
     scenario = load("nacs/fault-free", {"run.ticks": 200, "sensors.dropout_probability": 0.3})
-    export(tmp_path / "log.parquet", run(build(scenario, np.arange(10))), scenario, "nacs/fault-free")
-    (log,), _ = read(tmp_path / "log.parquet")
-    replayed = replay(log, scenario, choose(scenario, ["mekf", "ekf"]), UserCode())
+    export(tmp_path / "log.parquet", {"loop": run(build(scenario, np.arange(10)))}, scenario, "nacs/fault-free")
+    (log,) = read(tmp_path / "log.parquet", columns_of(scenario))
+    replayed = run_over(log, scenario, {}, ["mekf", "ekf"])
     for name in ("mekf", "ekf"):
         assert judge(replayed, name).nis_inside > 0.85
         nis = replayed.recording.channels[f"{name}/nis"]
@@ -215,4 +225,4 @@ def test_the_columns_are_those_of_the_page() -> None:
     page = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
     for name in ("trial", "time_s", "dt", "q1", "omega1", "wheel1", "command1", "truth_", "sigma_rotation1", "nis_inside_fraction"):
         assert f"`{name}" in page
-    assert STATES[:4] == ("q1", "q2", "q3", "q4")
+    assert columns_of(load("nacs/fault-free")).reading[:4] == ("q1", "q2", "q3", "q4")

@@ -7,7 +7,6 @@ import numpy as np
 from models.dynamics.process import runge_kutta
 
 GAINS = {"attitude": 0.4, "rate": 0.7, "wheels": 0.3, "position": 0.4, "velocity": 0.7}
-RATES = {"rate": "attitude", "velocity": "position"}  # what a rate that is not read is corrected by
 
 
 class Belief(NamedTuple):
@@ -20,22 +19,19 @@ class ComplementaryFilter:
     """Shares of the surprise in each block of the state that are believed."""
 
     def __init__(self, setting):
-        self.process, self.space, self.places = setting.process_with_drag, setting.space, setting.layout.error_places
+        self.process, self.space, self.layout = setting.process_with_drag, setting.space, setting.layout
         self.gain = setting.layout.repeated(GAINS)
-        self.rest = np.eye(setting.layout.size)[3] if setting.layout.size != setting.layout.errors else np.zeros(setting.layout.size)
 
     def initial(self, measurement):
         """Start from the first reading, at rest where it is missing."""
-        return Belief(np.where(np.isnan(measurement), self.rest, measurement))
+        return Belief(np.where(np.isnan(measurement), self.layout.rest, measurement))
 
     def step(self, belief, command, measurement, dt):
         """Predict, then correct with what was read; a missing component is NaN."""
         predicted = runge_kutta(self.process, belief.mean, command, dt)
         surprise = self.space.difference(measurement, predicted)
         correction = np.nan_to_num(self.gain * surprise)
-        for rate, place in RATES.items():
-            if rate in self.places:  # without a gyro the rate follows from how the attitude is wrong
-                indirect = 0.1 * np.nan_to_num(surprise[..., self.places[place]]) / dt
-                missing = np.isnan(surprise[..., self.places[rate]])
-                correction[..., self.places[rate]] += np.where(missing, indirect, 0.0)
+        if "rate" in self.layout.places:  # without a gyro the rate follows from how the attitude is wrong
+            attitude, rate = self.layout.error_places["attitude"], self.layout.error_places["rate"]
+            correction[..., rate] += np.where(np.isnan(surprise[..., rate]), 0.1 * np.nan_to_num(surprise[..., attitude]) / dt, 0.0)
         return Belief(self.space.displace(predicted, correction))

@@ -90,6 +90,15 @@ class StateLayout:
         """Number of error coordinates."""
         return sum(block.errors for block in self.blocks)
 
+    @cached_property
+    def rest(self) -> Array:
+        """The state of a body at rest in N, (n,)."""
+        rest = np.zeros(self.size)
+        for block in self.blocks:
+            if len(block.names) > block.errors:
+                rest[self.places[block.kind].stop - 1] = 1.0  # the scalar part of a quaternion
+        return rest
+
     @property
     def lead(self) -> tuple[int, ...]:
         """Axes behind that of trials and before the components."""

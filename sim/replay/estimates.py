@@ -27,10 +27,10 @@ def estimates(replayed: Replayed) -> pa.Table:
 
     for name in recording.observers:
         columns: dict[str, Any] = {
-            "loop": pa.array([replayed.loop] * (trials * ticks)),
             "trial": np.repeat(recording.trials, ticks),
             "tick": np.tile(np.arange(ticks), trials),
             "filter": pa.array([name] * (trials * ticks)),
+            "loop": pa.array([replayed.loop] * (trials * ticks)),
         }
         mean, sigma = flat(f"{name}/mean"), flat(f"{name}/sigma")
         for agent in np.arange(mean.shape[1]):
