@@ -32,8 +32,6 @@ from sim.scenario.one_body import Scenario
 from sim.series.antenna import FAILED, PASSED, SHUT, AntennaFlight, antenna_events, antenna_flights, antenna_lanes, is_antenna
 from sim.tables import antenna as antenna_tables
 
-pytestmark = pytest.mark.xdist_group("antenna_output")  # so that its flights are flown by one worker alone
-
 AXES = [2, 0]  # azimuth, elevation
 
 

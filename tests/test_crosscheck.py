@@ -14,7 +14,6 @@ from rerun.chunk import RrdReader
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.nacs import compile_nacs
-from sim.bad_input import BadInput
 from sim.cli import crosscheck as command_crosscheck
 from sim.crosscheck import model_variants
 from sim.crosscheck.attribution import Attribution, present, size_deg
@@ -32,8 +31,6 @@ from sim.crosscheck.study import CrossCheck, examine, metrics
 from sim.plant.batch import SimulationFailed, diagnose
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
-
-pytestmark = pytest.mark.xdist_group("crosscheck")  # so that its flights are flown by one worker alone
 
 QUICK = ("--trials", 1, "--set", "run.ticks=6", "--at", "0.5")
 DOCUMENT = Path(__file__).parents[1] / "docs" / "crosscheck.md"
@@ -357,10 +354,12 @@ def test_a_folder_with_results_is_not_overwritten_silently(nacs, tmp_path):
     assert (tmp_path / "it" / "summary.json").read_text() == "precious"
 
 
-def test_a_plant_that_is_not_registered_is_refused(scenario):
-    other = scenario.model_copy(update={"plant": scenario.plant.model_copy(update={"type": "kite"})})
-    with pytest.raises(BadInput, match="no cross-check of 'kite'; there is of nacs"):
-        family_of(other)
+def test_a_plant_without_an_entry_has_the_standard_one(scenario, monkeypatch):
+    assert family_of(scenario) is NACS
+    monkeypatch.delitem(FAMILIES, "nacs")
+    standard = family_of(scenario)
+    assert standard is not NACS
+    assert list(standard.models) == ["believed", "exact"]
 
 
 def test_the_register_names_what_it_holds():

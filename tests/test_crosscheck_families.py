@@ -29,8 +29,6 @@ from sim.crosscheck.study import CrossCheck, examine, metrics
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
 
-pytestmark = pytest.mark.xdist_group("crosscheck_families")  # so that its flights are flown by one worker alone
-
 FLOAT = {"kind": "float", "wheel": 1, "start_s": 3.0, "duration_s": 3.0}
 SHORT = {  # scenario, what is changed, instants
     "freeflyer": ("wmap/compare", {"run.ticks": 61, "faults": [FLOAT]}, (2.0, 6.0)),

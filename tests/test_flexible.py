@@ -147,7 +147,7 @@ def test_a_file_names_a_set_and_overrides_what_it_likes():
 @every_set
 def test_every_parameter_has_unit_and_provenance(name):
     rows = list(FlexibleParameters(set=name).table())
-    assert [row[0] for row in rows] == list(FlexibleParameters.model_fields)
+    assert ["type", *(row[0] for row in rows)] == list(FlexibleParameters.model_fields)
     assert all(unit and meaning and source.startswith(("published", "datasheet", "chosen")) for _, _, unit, meaning, source in rows)
 
 

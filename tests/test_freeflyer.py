@@ -121,7 +121,7 @@ def test_a_body_that_cannot_be_is_refused_in_one_line():
 
 def test_every_parameter_has_unit_and_provenance():
     rows = list(FreeflyerParameters().table())
-    assert [row[0] for row in rows] == list(FreeflyerParameters.model_fields)
+    assert ["type", *(row[0] for row in rows)] == list(FreeflyerParameters.model_fields)
     assert all(unit and meaning and source.startswith(("published", "datasheet", "chosen")) for _, _, unit, meaning, source in rows)
 
 

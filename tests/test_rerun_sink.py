@@ -22,8 +22,6 @@ from sim.rerun.scene import GHOST_OFFSET
 from sim.rerun.sink import write_recording
 from sim.scenario.files import load
 
-pytestmark = pytest.mark.xdist_group("rerun_sink")  # so that its flights are flown by one worker alone
-
 TICKS = 60
 PUSH = {"kind": "external-torque", "torque_nm": 0.01, "start_s": 2.0, "duration_s": 1.0}
 
@@ -59,7 +57,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Written:
 def written(path: Path, trials: int) -> Written:
     loop, configuration = system(trials)
     recording = run(loop)
-    write_recording(path, "nacs/disturbance", recording, loop.plant.assembly, loop.feedback, configuration)
+    write_recording(path, "nacs/disturbance", recording, loop.plant.assembly, loop.feedback.source, configuration)
     return Written(path, recording, loop.plant.assembly)
 
 
@@ -171,14 +169,14 @@ def test_a_loop_without_feedback_observer_or_detector_can_be_written(tmp_path: P
     overrides = {"run.ticks": 5, "faults": [], "observers": {"a filter": {"type": "ekf"}}, "control.feedback": "truth"}
     scenario = load("nacs/disturbance", overrides)
     loop = build(scenario, np.arange(1))
-    write_recording(tmp_path / "recording.rrd", "nacs/disturbance", run(loop), loop.plant.assembly, loop.feedback, {})
+    write_recording(tmp_path / "recording.rrd", "nacs/disturbance", run(loop), loop.plant.assembly, "truth", {})
     assert r"/attitude/error/a\ filter" in entities(tmp_path / "recording.rrd")
 
 
 def test_without_a_viewer_live_says_so() -> None:
     loop, configuration = system(1)
     with pytest.raises(ConnectionError, match=r"^no Rerun viewer listens at 127\.0\.0\.1:9; start one with .*$"):
-        LiveStream("nacs/disturbance", loop, configuration, "rerun+http://127.0.0.1:9/proxy")
+        LiveStream("nacs/disturbance", loop, loop.feedback.source, configuration, "rerun+http://127.0.0.1:9/proxy")
 
 
 def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +189,7 @@ def test_live_rows_equal_the_written_ones(one: Written, tmp_path: Path, monkeypa
     monkeypatch.setattr("sim.rerun.live.socket.create_connection", lambda *_, **__: Accepting())
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda stream, _, default_blueprint: stream.save(path, default_blueprint))
     loop, configuration = system(1)
-    with LiveStream("nacs/disturbance", loop, configuration) as live:
+    with LiveStream("nacs/disturbance", loop, loop.feedback.source, configuration) as live:
         seen: list[int] = []
 
         def on_tick(tick: int, recorder: Recorder) -> None:

@@ -34,7 +34,7 @@ def test_every_scenario_runs_and_leaves_its_four_files(nacs, tmp_path, name: str
     assert (summary["scenario"], summary["trials"]) == (name, 2)
     assert all(row.keys() == {"subject", "metric", "phase", "unit", "mean", "std", "min", "max", "n"} for row in summary["rows"])
     mapping = {"azimuth", "elevation"} if scenario.reference.type == "antenna-mapping" else set()
-    assert {row["subject"] for row in summary["rows"]} == (set(scenario.loops) | mapping or {"ekf", "mekf", "sif", *HYBRIDS, "loop"})
+    assert {row["subject"] for row in summary["rows"]} == (set(scenario.loops) | mapping or {*scenario.observers, "loop"})
     assert not scenario.published or scenario.published.source in result.out
 
 

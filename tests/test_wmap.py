@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from sim.campaign.blocks import simulate
 from sim.scenario.files import load
 
-pytestmark = pytest.mark.xdist_group("wmap")  # so that its flights are flown by one worker alone
-
 LOOPS = ("pd-ukf", "pd-imm", "smc-ukf", "smc-imm", "pd-imm-realloc", "smc-imm-realloc")
 Values = dict[tuple[str, str, str], NDArray[np.floating]]
 
