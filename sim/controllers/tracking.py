@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from control.tracking import Controller, Estimate, Memoryless, RememberingController, Target
@@ -21,7 +22,7 @@ class TrackingLaw:
     controller: Controller | RememberingController
     target: Target
 
-    @property
+    @cached_property
     def _remembering(self) -> RememberingController:
         return self.controller if isinstance(self.controller, RememberingController) else Memoryless(self.controller)
 

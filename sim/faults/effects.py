@@ -34,6 +34,9 @@ class Effect:
     flag: bool = False
     pulsation_rad_s: float | None = None
 
+    def __hash__(self) -> int:
+        return hash(self.name)
+
     def shape(self, parts: Parts) -> tuple[int, ...]:
         """Axes behind the trials."""
         return (*(parts.each if self.each else ()), *(parts.count(n) if isinstance(n, str) else n for n in self.size))

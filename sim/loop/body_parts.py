@@ -116,7 +116,7 @@ class BodyChannels:
             "torque_B": now.decision.effort,
             "command": given["command"],
             "applied": given["applied"],
-            "fault": np.broadcast_to(False if active is None else active, len(truth.qpos)),
+            "fault": np.zeros(len(truth.qpos), dtype=bool) if active is None else np.broadcast_to(active, len(truth.qpos)),
             **({} if self.unmodelled is None else {"truth/unmodelled": self.unmodelled.at(truth.state)}),
             **{f"control/{name}": note for name, note in now.decision.notes.items()},
         }
