@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.consistency import average_bounds
+from models.plants.nacs import compile_nacs
 from sim.loop.build import build
 from sim.loop.closed_loop import run
+from sim.metrics.one_body import evaluate
 from sim.scenario.files import load
 
 NAME = "nacs/three-rates"
@@ -42,3 +44,23 @@ def test_a_period_that_is_no_whole_number_of_ticks_is_one_line(nacs) -> None:
     result = nacs("run", NAME, "--set", "sensors.gyro_period_s=0.05", "--out", "it")
     assert (result.code, result.err.count("\n")) == (2, 1)
     assert "sensors.gyro_period_s: 0.05 s is not a whole number of ticks (run.tick_s = 0.02 s)" in result.err
+
+
+@pytest.mark.parametrize(
+    ("name", "sensors", "missing", "incomplete"),
+    [(NAME, {}, {*range(10, 17), 18, 20}, set(range(1, 30))), ("nacs/fault-free", {"gyro": False}, set(range(15, 21)), set(range(30)))],
+    ids=["periods", "no gyro"],
+)
+def test_only_readings_that_were_due_are_missing(name: str, sensors: dict[str, bool], missing: set[int], incomplete: set[int]) -> None:
+    """A gyro (read at every tick, or never) fails from tick 10 to 16, the wheels' sensor (every second tick, or each) from 15 to 20."""
+    dt = load(name).run.tick_s
+    faults = [
+        {"kind": "drop-out", "sensor": "gyro", "start_s": 10 * dt, "duration_s": 7 * dt},
+        {"kind": "drop-out", "sensor": "wheels", "start_s": 15 * dt, "duration_s": 6 * dt},
+    ]
+    overrides = {"run.ticks": 30, "faults": faults, "observers": {"mekf": {"type": "mekf"}}, "control.feedback": "truth"}
+    scenario = load(name, overrides | {f"sensors.{key}": value for key, value in sensors.items()})
+    recording = run(build(scenario, np.arange(2)))
+    found = {m.metric: m.values for m in evaluate(recording, compile_nacs()) if (m.subject, m.phase) == ("loop", "all")}
+    np.testing.assert_array_equal(found["missing_readings"], len(missing))
+    np.testing.assert_array_equal(found["incomplete_readings"], len(incomplete))

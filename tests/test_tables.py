@@ -16,7 +16,7 @@ TRIALS = 4
 
 def table(wheels: dict[str, bool], missing: float = 0.0) -> Table:
     """Of some filters, which estimate wheel speeds or do not."""
-    found = [Metric("loop", "missing_readings", "all", "1", np.full(TRIALS, missing))]
+    found = [Metric("loop", "incomplete_readings", "all", "1", np.full(TRIALS, missing))]
     for name, estimated in wheels.items():
         found += [Metric(name, part, "all", "1", np.full(TRIALS, 7.0)) for part in ("nees_mean", "nis_mean")]
         found += [Metric(name, "rmse_truth_wheel", "all", "rad/s", np.ones(TRIALS))] if estimated else []

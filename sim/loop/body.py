@@ -55,8 +55,9 @@ def build_body(
     inertia = kind.believed_inertia(parameters) if kind.believed_inertia else assembly.inertia
     wheels = len(assembly.wheel_joints)
     target = scenario.reference.at(run.tick_s * np.arange(run.ticks))
-    sensors = SensorArrays.of(variants.sensors)
+    settings = SensorArrays.of(variants.sensors)
     faults = schedule(variants.faults, scenario.parts, run.seed, trials, run.ticks, run.tick_s)
+    sensors = Sensors(settings, draw_noise(settings, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s)
     observer = scenario.observers.get(law.feedback)
     modes = (WheelFault.healthy(wheels),) if observer is None else observer.faults(wheels)
     estimators = body_estimators(scenario, trials, user_code)
@@ -64,7 +65,7 @@ def build_body(
     plant, unmodelled = _plant(assembly, scenario, variants, trials, target), _unmodelled(kind, scenario, variants)
     return System(
         plant=plant,
-        sensors=Sensors(sensors, draw_noise(sensors, run.seed, trials, run.ticks, wheels, run.tick_s), faults, run.tick_s),
+        sensors=sensors,
         estimators=estimators,
         feedback=BodyFeedback(law.feedback, estimators, unmodelled),
         law=TrackingLaw(controller, target),
@@ -80,7 +81,7 @@ def build_body(
         trials=trials,
         ticks=run.ticks,
         dt=run.tick_s,
-        channels=BodyChannels(faults, unmodelled),
+        channels=BodyChannels(faults, sensors.due, unmodelled),
         references=target_channels(target),
         occurrences=faults.occurrences,
     )

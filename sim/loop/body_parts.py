@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,6 +105,7 @@ class BodyChannels:
     """What is recorded of a tick of one body."""
 
     faults: Timeline
+    due: Callable[[int], dict[str, Flags]]
     unmodelled: UnmodelledTorque | None = None
 
     def __call__(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
@@ -113,6 +115,7 @@ class BodyChannels:
             "truth/qpos": truth.qpos,
             "truth/qvel": truth.qvel,
             "reading": now.reading,
+            **self.due(tick),
             "torque_B": now.decision.effort,
             "command": given["command"],
             "applied": given["applied"],

@@ -119,7 +119,8 @@ def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: st
     command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., WHEELS])
     limit = assembly.wheel_torque_limit if assembly.wheel_joints else axis_limit
     saturated = np.any(command >= 0.999 * limit, axis=-1) | np.any(speed > 0.98 * assembly.wheel_speed_limit, axis=-1)
-    missing = np.any(np.isnan(reading), axis=-1)
+    absent = np.isnan(reading)
+    due = _by_trial(recording.channels["due"]) if "due" in recording.channels else np.True_
     each = _rms(torque, flags)
     tracking = np.degrees(_rms(angle[..., None], flags)[:, 0])
     return [
@@ -128,7 +129,8 @@ def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: st
         *((f"effort_rms_{axis}", phase, "N m", each[:, i]) for i, axis in enumerate("xyz")),
         ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1, initial=0.0), 0.0), axis=-1)),
         ("saturated_time_s", phase, "s", recording.dt * np.sum(saturated & flags, axis=-1)),
-        ("missing_readings", phase, "1", np.sum(missing & flags, axis=-1).astype(float)),
+        ("missing_readings", phase, "1", np.sum(np.any(absent & due, axis=-1) & flags, axis=-1).astype(float)),
+        ("incomplete_readings", phase, "1", np.sum(np.any(absent, axis=-1) & flags, axis=-1).astype(float)),
     ]
 
 

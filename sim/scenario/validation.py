@@ -9,6 +9,15 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+_SHAPES = {
+    **dict.fromkeys(("model_type", "model_attributes_type", "dataclass_type", "dict_type", "mapping_type"), "a table"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list"),
+    "string_type": "text",
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+}  # what a value must be, by the type of the error
+
 
 def first_error(invalid: ValidationError, data: dict[str, Any], model: type[BaseModel]) -> str:
     """One line on the first key of `data` that is wrong for `model`; where a value may be of several kinds, what each would need."""
@@ -23,12 +32,28 @@ def first_error(invalid: ValidationError, data: dict[str, Any], model: type[Base
 def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
     last = error["loc"][-1] if error["loc"] else ""
     if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(last), _all_keys(model), n=1)
-        return "unknown key" + (f"; did you mean {near[0]}?" if near else "")
+        known = _all_keys(model)
+        near = difflib.get_close_matches(str(last), known, n=1)
+        return "unknown key" + ("" if not near else f"; {last} belongs elsewhere" if last in known else f"; did you mean {near[0]}?")
     if error["type"] == "missing":
         return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
-    text = error["msg"].removeprefix("Value error, ")
+    if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        return _untagged(error)
+    if error["type"] in _SHAPES:
+        return f"must be {_SHAPES[error['type']]}"
+    text = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be", 1)
     return text[:1].lower() + text[1:]
+
+
+def _untagged(error: ErrorDetails) -> str:
+    """What a block that may be of several kinds is said to be and is not, or does not say that it is."""
+    context, given = error["ctx"], error["input"]
+    key = str(context["discriminator"]).strip("'")
+    known = [word.strip("' ") for word in str(context.get("expected_tags", "")).split(",")]
+    if error["type"] == "union_tag_not_found":
+        return f"needs a {key}" if isinstance(given, dict) else f"must be a table with a {key}"
+    near = difflib.get_close_matches(str(context["tag"]), known, n=1)
+    return f"no {key} is called {str(context['tag'])!r}" + (f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}")
 
 
 def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:

@@ -168,6 +168,20 @@ class Sensors:
         every = np.maximum(1, np.round(periods / self.dt).astype(int))
         return np.arange(len(self.noise.attitude))[:, None, None] % every != 0
 
+    @cached_property
+    def _due(self) -> NDArray[np.bool_] | None:
+        """Whether each component is read at all at a tick, (ticks, trials, n), if nothing fails; None: always."""
+        between, without_gyro = self._between, self.settings.gyro == 0.0
+        if between is None and not without_gyro.any():
+            return None
+        silent = (without_gyro & np.array([False, True, False])) | (False if between is None else between)
+        silent = np.broadcast_to(silent, (*self.noise.attitude.shape[:2], 3))
+        return ~np.repeat(silent, [4, 3, self.noise.wheel.shape[-1]], axis=-1)
+
+    def due(self, tick: int) -> dict[str, NDArray[np.bool_]]:
+        """Which components of a reading are due at a tick, (trials, n), to be recorded if they are not all at every one."""
+        return {} if self._due is None else {"due": self._due[tick]}
+
     def rest(self) -> Array:
         """At rest in N, until something has been read; (trials, n)."""
         wheels = self.noise.wheel.shape[-1]

@@ -74,7 +74,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     dof = {name: _degrees_of_freedom(found, name) for name in names}
     several = sorted(set(dof.values()), reverse=True)
     bands = {n: "{:.2f} .. {:.2f}".format(*average_bounds(n, trials)) for n in several}
-    complete = not found.get(("loop", "missing_readings"), 0.0)
+    complete = not found.get(("loop", "incomplete_readings"), 0.0)
     caption = f"means over {trials} trials"
     if several:
         what = "NEES and NIS" if complete else "NEES, and NIS of complete readings,"
