@@ -28,8 +28,8 @@ FLOORS = {
 ROOMS = {
     "models": ("ground", "attitude", "dynamics", "plants"),
     "sim": (
-        *("ground", "faults", "plant", "sensors", "network", "estimators", "controllers", "scenario", "user_code", "loop", "metrics"),
-        *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "cli"),
+        *("ground", "faults", "plant", "sensors", "network", "estimators", "controllers", "user_code", "scenario", "loop", "metrics"),
+        *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "cli"),
     ),
 }
 ORDER = [f"{floor}.{room}" if room else floor for floor in FLOORS for room in ROOMS.get(floor, ("",))]

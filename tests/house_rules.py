@@ -20,7 +20,7 @@ MOST_STOREYS = 14  # rooms and packages in the longest chain of imports
 VAGUE = {"util", "utils", "helper", "helpers", "common", "misc", "base", "core"}
 NOT_FOR_THE_HOUSE = {"tests", "benchmarks", "pytest", "hypothesis", "filterpy", "stonesoup"}
 CLOSED_LOOP = "sim/loop/closed_loop.py"
-DISCOVERY = "models/plants/register/entries.py"  # imports by name what it finds in its own folder, so that no list names the plants
+DISCOVERY = ("models/plants/register/entries.py", "sim/outputs/register.py")  # import by name what they find, so that no list names it
 LEGAL_RANDOM = {"Generator", "PCG64", "SeedSequence"}
 MANY = re.compile(r"\b(n_?)?(trials?|particles?|agents?|nsim)\b|sigma_points", re.IGNORECASE)
 STATE_SLICES = {(0, 4), (4, 7), (7, None), (0, 7)}  # attitude, rate, wheels or whatever follows, attitude and rate
@@ -71,8 +71,8 @@ def few_storeys(house: House) -> list[str]:
 
 
 def imports_are_absolute_and_literal(house: House) -> list[str]:
-    """No import hides where it leads to, but the one that finds the plants."""
-    found = [(module, one) for module in house.modules if module.place != DISCOVERY for one in module.imports]
+    """No import hides where it leads to, but those of registers that find their entries."""
+    found = [(module, one) for module in house.modules if module.place not in DISCOVERY for one in module.imports]
     return [f"{module.place}:{one.line}: {one.name}" for module, one in found if one.relative or one.name == "?"]
 
 

@@ -165,6 +165,7 @@ WRONG_FILTERS = {
     "text": (GOOD.replace(STEP, "return Belief('here')"), ["mine.py:11: Mine.step: mean has shape (), needs (3, 11) of numbers"]),
     "nan": (GOOD.replace(STEP, "return Belief(measurement * float('nan'))"), ["mine.py:11", "mean is not finite at tick 1"]),
     "gap": (GOOD.replace(STEP, "return Belief(measurement)"), ["mine.py:11", "not finite", "a missing reading is NaN"]),
+    "period": (GOOD.replace(STEP, "return Belief(measurement)"), ["mine.py:11", "not finite", "a missing reading is NaN"]),
     "batch": (GOOD.replace(STEP, "return Belief(measurement.cumsum(axis=0))"), ["mine.py:11", "differently among others", "on the last"]),
     "thresholds": (
         GOOD.replace("ndarray\n", "ndarray\n    declared: bool = False\n").replace("def __init__", "thresholds = 3\n    def __init__"),
@@ -180,7 +181,7 @@ def test_a_wrong_filter_is_one_line_before_anything_runs(nacs, tmp_path: Path, m
     text, wanted = WRONG_FILTERS[what]
     (tmp_path / "mine.py").write_text(text)
     monkeypatch.setattr("sim.cli.run.simulate_all", None)  # a run would fail on this
-    gaps = ("--set", "sensors.dropout_probability=0.1") if what == "gap" else ()
+    gaps = {"gap": ("--set", "sensors.dropout_probability=0.1"), "period": ("--set", "sensors.wheel_period_s=0.2")}.get(what, ())
     result = nacs("run", *QUICK, *gaps, "--observer", "mine.py:Mine")
     assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
     for part in wanted:

@@ -30,8 +30,9 @@ from sim.campaign.summary import (
     summarize,
     worst,
 )
-from sim.cli.terminal import INTERRUPTED, err, how_to_open, out, output_folder
+from sim.cli.terminal import INTERRUPTED, err, out, output_folder
 from sim.metrics.results import versions
+from sim.outputs.recording import how_to_open
 from sim.scenario import files
 from sim.tables import one_body as tables
 

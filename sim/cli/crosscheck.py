@@ -11,13 +11,14 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sim.bad_input import BadInput
-from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, how_to_open, load, out, output_folder
+from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out, output_folder
 from sim.crosscheck import agents
 from sim.crosscheck.divergence import thresholds
 from sim.crosscheck.register import choose_loop, choose_model, family_of
 from sim.crosscheck.study import CrossCheck, examine, metrics
 from sim.metric import Metric
 from sim.metrics.results import write_summary
+from sim.outputs.recording import how_to_open
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
@@ -151,4 +152,11 @@ def _write(target: Path, name: str, loaded: Scenario, found: CrossCheck, wall: f
         model=found.model.name, thresholds=found.thresholds, passed=found.passed,
     )  # fmt: skip
     write_picture(target / "crosscheck.png", name, found)
-    write_crosscheck(target / "crosscheck.rrd", name, found, compile_plant(loaded.plant), loaded.model_dump(mode="json", exclude_none=True))
+    write_crosscheck(
+        target / "crosscheck.rrd",
+        name,
+        found,
+        compile_plant(loaded.plant),
+        tables(found),
+        loaded.model_dump(mode="json", exclude_none=True),
+    )

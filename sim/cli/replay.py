@@ -14,6 +14,8 @@ from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
+from sim.scenario.named_sections import names_taken
+from sim.scenario.surroundings import surroundings
 from sim.user_code.user_code import UserCode
 
 FILES = ("estimates.parquet", "summary.json", "replay.png")
@@ -63,7 +65,7 @@ def replay(
     said = about(log)
     scenario = setting(said, str(log), tuning, dict(parse_override(text) for text in overrides or []))
     user_code = UserCode(tuple(observers or ()))
-    user_code.check(scenario)
+    user_code.check(surroundings(scenario), names_taken(scenario))
     blocks = read(log, columns_of(scenario))
     wanted = filters or []
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}

@@ -17,21 +17,26 @@ from sim.campaign.draws import own
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign
-from sim.cli.run_output import LOG, RECORDING, REPORT, RunResult, numbers_of
+from sim.cli.run_output import RunResult, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
 from sim.loop.recorder import Recorder
-from sim.loop.recording import Recording
 from sim.metrics.results import rows
 from sim.metrics.trial_block import TrialBlock, join
+from sim.outputs.output import Flown
+from sim.outputs.register import OUTPUTS
 from sim.replay.log_columns import columns_of
-from sim.scenario.files import AnyScenario
+from sim.scenario.named_sections import names_taken
+from sim.scenario.surroundings import surroundings
 from sim.tables.register import tables_of
 from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:
     from sim.rerun.live import LiveStream
     from sim.rerun.live_curves import LiveCurves
+
+
+_ASKED = ", ".join(f"{key} ({output.file})" for key, output in OUTPUTS.items() if not output.unasked)
 
 
 def run(
@@ -57,6 +62,7 @@ def run(
     export_log: Annotated[
         bool, typer.Option("--export-log", help="also write log.parquet: readings and commands of the recorded trials, for `nacs replay`")
     ] = False,
+    also: Annotated[list[str] | None, typer.Option(metavar="OUTPUT", help=f"also write this: {_ASKED} (may be repeated)")] = None,
     live: Annotated[
         bool, typer.Option("--live", help="also stream the first trial to a Rerun viewer that is open on this machine")
     ] = False,
@@ -74,10 +80,14 @@ def run(
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
-    if (export_log or live) and not record_trials:
-        raise BadInput(f"{'--export-log writes' if export_log else '--live shows'} the recorded trials and --record-trials 0 records none")
+    asked = {*(also or ()), *(("log",) if export_log else ())}
+    if unknown := asked - OUTPUTS.keys():
+        raise BadInput(f"--also {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
+    if (asked or live) and not record_trials:
+        option = "--live shows" if not asked else "--export-log writes" if export_log else f"--also {min(asked)} writes"
+        raise BadInput(f"{option} the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
-    user_code.check(loaded)
+    user_code.check(surroundings(loaded), names_taken(loaded))
     for warning in loaded.warnings():
         err.print(f"warning: {warning}", style="yellow", markup=False)
     stream = _live_stream(loaded, name, user_code) if live else None
@@ -96,11 +106,10 @@ def run(
         ended.exit_without_result()
     ended.write_figures(target, overwrite, **user_code.described)
     if recordings:
-        _draw(target, name, loaded, user_code, recordings)
-    if export_log and recordings:
-        from sim.replay.flight_log import export
-
-        export(target / LOG, recordings, loaded, name)
+        flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
+        for output in OUTPUTS.values():
+            if output.unasked or output.key in asked:
+                output.write(target / output.file, flown)
     if statistics := rows(ended.metrics):
         ended.print_header()
         for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
@@ -158,14 +167,6 @@ def _simulate(
         except KeyboardInterrupt:
             return blocks, True
     return blocks, False
-
-
-def _draw(target: Path, name: str, loaded: AnyScenario, user_code: UserCode, recordings: dict[str, Recording]) -> None:
-    from sim.report.register import write_report  # Matplotlib and Rerun take a second to import
-    from sim.rerun.register import write_recording
-
-    write_report(target / REPORT, name, loaded, recordings, user_code.law)
-    write_recording(target / RECORDING, name, loaded, recordings, _configuration(loaded, user_code))
 
 
 def _configuration(loaded: Any, user_code: UserCode) -> dict[str, Any]:

@@ -11,13 +11,13 @@ import typer
 from numpy.typing import NDArray
 
 from sim.bad_input import BadInput
-from sim.cli.terminal import FAILED, INTERRUPTED, err, how_to_open, out
+from sim.cli.terminal import FAILED, INTERRUPTED, err, out
 from sim.metric import Metric
 from sim.metrics.results import write_summary, write_trials
+from sim.outputs.register import OUTPUTS
 from sim.scenario.files import AnyScenario
 from sim.scenario.run import RunSettings
 
-RECORDING, REPORT, LOG = "recording.rrd", "report.png", "log.parquet"
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
 
 
@@ -66,7 +66,7 @@ class RunResult:
     def write_figures(self, folder: Path, overwrite: bool, **described: Any) -> None:
         """Make the folder, clear it of an older run if that was asked for, and write the metrics."""
         if overwrite and folder.is_dir():
-            for old in (RECORDING, REPORT, LOG, SUMMARY, TRIALS):
+            for old in (*(output.file for output in OUTPUTS.values()), SUMMARY, TRIALS):
                 (folder / old).unlink(missing_ok=True)
         folder.mkdir(parents=True, exist_ok=True)
         seed = self.scenario.run.seed
@@ -81,12 +81,10 @@ class RunResult:
         """What it took and where everything is; leaves the command if not all trials were finished."""
         pace = self.simulated_s / self.wall_s
         out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")
-        if (folder / REPORT).is_file():
-            out.print(f"Report     {folder / REPORT}")
-        if (folder / LOG).is_file():
-            out.print(f"Log        {folder / LOG}\nReplay it  nacs replay {folder / LOG}")
-        if (folder / RECORDING).is_file():
-            out.print(f"Recording  {folder / RECORDING}\nOpen it    {how_to_open(folder / RECORDING)}")
+        for key, output in OUTPUTS.items():
+            if (path := folder / output.file).is_file():
+                for head, what in ((key.capitalize(), str(path)), *((output.hint(path),) if output.hint else ())):
+                    out.print(f"{head:10} {what}")
         if self.failures:
             err.print(f"error: {self._first}; what was recorded until then is in {folder}", markup=False)
             raise typer.Exit(FAILED)

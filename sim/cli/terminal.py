@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -60,10 +57,3 @@ def output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:
     except OSError as refused:
         raise BadInput(f"--out {folder}: cannot be written ({refused.strerror}: {nearest}); name a folder that can") from None
     return folder
-
-
-def how_to_open(recording: Path) -> str:
-    """The command that opens a recording in Rerun, as a person would type it here."""
-    viewer = "rerun" if shutil.which("rerun") else str(Path(sys.executable).with_name("rerun"))
-    inside = Path(viewer).is_absolute() and Path(viewer).is_relative_to(Path.cwd())
-    return f"{os.path.relpath(viewer) if inside else viewer} {recording}"

@@ -29,9 +29,9 @@ from sim.parts import Estimator
 from sim.plant.batch import Plant
 from sim.randomness import Stream
 from sim.scenario.one_body import Scenario, StartSettings
+from sim.scenario.surroundings import surroundings
 from sim.sensors.sensors import SensorArrays, Sensors, draw_noise
 from sim.user_code.laws import tracking
-from sim.user_code.surroundings import surroundings
 from sim.user_code.user_code import UserCode
 
 Array = NDArray[np.floating]

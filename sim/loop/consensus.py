@@ -22,9 +22,9 @@ from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flag
 from sim.plant.planar_agents import AgentsPlant, PlanarTruth
 from sim.randomness import RandomStream, Stream, Trials
 from sim.scenario.consensus import ConsensusScenario
+from sim.scenario.surroundings import surroundings
 from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import PlanarUserLaw
-from sim.user_code.surroundings import surroundings
 from sim.user_code.user_code import UserCode
 
 LIMIT = np.array([1e3, 1e3, 4e2, 4e2])  # m, m/s: a trial with an agent beyond that is lost; its network's polynomials would soon overflow

@@ -25,9 +25,9 @@ from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flag
 from sim.plant.formation import AgentsTruth, FormationPlant
 from sim.randomness import RandomStream, Stream, Trials
 from sim.scenario.formation import FormationScenario
+from sim.scenario.surroundings import surroundings
 from sim.sensors.agents import AgentsSensors
 from sim.user_code.laws import FormationUserLaw
-from sim.user_code.surroundings import surroundings
 from sim.user_code.user_code import UserCode
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.table import Table
 
 from models.attitude import quaternion
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
@@ -28,7 +29,6 @@ from sim.rerun.scene import CENTRE, GHOST_LABEL, GHOST_OFFSET, body_path, floati
 from sim.rerun.sink import APPLICATION, Scales, columns, describe, entity, motion, start, style, time_column
 from sim.series.channels import Curve
 from sim.series.palette import ALERT, AXES, PALE_AXES, TRUTH, Colour, on_dark, wheel
-from sim.tables.crosscheck import tables
 from sim.units import RPM
 
 Array = NDArray[np.floating]
@@ -41,7 +41,9 @@ EFFECTS: tuple[Colour, ...] = (
 )  # fmt: skip
 
 
-def write_crosscheck(path: Path, name: str, found: CrossCheck, assembly: Assembly, configuration: dict[str, Any]) -> None:
+def write_crosscheck(
+    path: Path, name: str, found: CrossCheck, assembly: Assembly, tables: Iterable[Table], configuration: dict[str, Any]
+) -> None:
     """Write the first trial of a cross-check as a self-contained .rrd that opens laid out.
 
     Args:
@@ -49,6 +51,7 @@ def write_crosscheck(path: Path, name: str, found: CrossCheck, assembly: Assembl
       name: of the scenario.
       found: the cross-check.
       assembly: the plant.
+      tables: what is said of it at the terminal.
       configuration: nested settings, kept as a property of the recording.
     """
     recording, model = _with_ghost(found), found.model.name
@@ -74,7 +77,7 @@ def write_crosscheck(path: Path, name: str, found: CrossCheck, assembly: Assembl
             stream.send_columns(entity(curve.path), [time_column(time[: len(curve.values)])], columns(curve))
         ticks, levels, texts = zip(*_events(found), strict=True)
         stream.send_columns("events", [time_column(found.tick_s * np.array(ticks))], rr.TextLog.columns(text=texts, level=levels))
-        stream.log("tables", rr.TextDocument(_document(found), media_type="text/markdown"), static=True)
+        stream.log("tables", rr.TextDocument(_document(tables), media_type="text/markdown"), static=True)
 
 
 def _as_it_is(scales: Scales) -> Scales:
@@ -143,11 +146,11 @@ def _events(found: CrossCheck) -> list[tuple[int, str, str]]:
     return sorted(happened, key=lambda event: event[0])
 
 
-def _document(found: CrossCheck) -> str:
+def _document(tables: Iterable[Table]) -> str:
     """The tables as the terminal shows them."""
     text = io.StringIO()
     console = Console(file=text, width=80, no_color=True)
-    for table in tables(found):
+    for table in tables:
         console.print(table)
     return f"```\n{text.getvalue()}\n```\n"
 

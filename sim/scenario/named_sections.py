@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator
 
@@ -17,6 +17,11 @@ RESERVED = ("loop", "truth", "measurement", "reference")  # of recordings and ta
 def is_taken(name: str) -> bool:
     """Whether neither an observer nor a loop can have this name."""
     return "/" in name or name in RESERVED
+
+
+def names_taken(scenario: Any) -> tuple[str, ...]:
+    """Names that a further observer of a scenario cannot have."""
+    return (*getattr(scenario, "observers", ()), *scenario.loop_names, *RESERVED)
 
 
 def _named_tunings(observers: dict[str, ObserverSettings]) -> dict[str, ObserverSettings]:

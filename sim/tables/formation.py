@@ -6,7 +6,7 @@ from rich.table import Table
 
 from sim.metrics.results import Row
 from sim.scenario.formation import FormationScenario
-from sim.tables.style import number, plain_table
+from sim.table_style import number, plain_table
 
 _COLUMNS = (  # metric, heading, factor
     ("skae", "SKAE", 1.0),

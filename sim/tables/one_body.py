@@ -15,8 +15,8 @@ from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
 from sim.scenario.run import Published
+from sim.table_style import number, plain_table
 from sim.tables.learned import learned
-from sim.tables.style import number, plain_table
 
 # metric, heading, factor
 _ESTIMATORS = (

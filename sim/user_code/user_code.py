@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from sim.bad_input import BadInput
-from sim.scenario.named_sections import RESERVED
 from sim.user_code.filters import UserFilter
 from sim.user_code.laws import UserLaw
-from sim.user_code.surroundings import Surroundings, surroundings
+from sim.user_code.surroundings import Surroundings
 from sim.user_code.user_class import UserClass
 
 FILTER, LAW = ("initial", "step"), ("step",)  # methods that a class must have
@@ -44,16 +44,15 @@ class UserCode:
         files = {**dict(zip(self.names, self.observers, strict=True)), **({self.law: self.controller} if self.law else {})}
         return {"guests": files} if files else {}
 
-    def check(self, scenario: Any) -> None:
-        """Rehearse on a small batch, with missing readings if the scenario has any; raises BadInput."""
+    def check(self, place: Surroundings, reserved: Iterable[str]) -> None:
+        """Rehearse on a small batch, with missing readings if there can be any; raises BadInput, also for names that are `reserved`."""
         if not self.observers and not self.controller:
             return
-        taken = [*getattr(scenario, "observers", ()), *scenario.loop_names, *RESERVED]
+        taken = [*reserved]
         for text, name in zip(self.observers, self.names, strict=True):
             if name in taken or "/" in name:
                 raise BadInput(f"--observer {text}: {name!r} cannot be its name (taken or reserved); give the class another `name = '...'`")
             taken.append(name)
-        place = surroundings(scenario)
         for user in self.filters(place):
             user.rehearse()
         if (law := self.control(place)) is not None:

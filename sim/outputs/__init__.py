@@ -1,0 +1,1 @@
+"""What a run writes beside its figures: a register of outputs, one a module."""
