@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from sim.cli import main as cli
 from sim.cli import terminal
+from sim.series import raster
 
 
 class Outcome(NamedTuple):
@@ -43,11 +44,11 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Pictures that are written while the test runs."""
     seen: list[Figure] = []
-    save = Figure.savefig
+    draw = raster.pixels
 
-    def savefig(figure: Figure, *args: Any, **settings: Any) -> None:
+    def pixels(figure: Figure) -> Any:
         seen.append(figure)
-        save(figure, *args, **settings)
+        return draw(figure)
 
-    monkeypatch.setattr(Figure, "savefig", savefig)
+    monkeypatch.setattr(raster, "pixels", pixels)
     return seen

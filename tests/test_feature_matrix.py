@@ -57,6 +57,8 @@ LAWS = {
     "NETWORKED": "def step(self, own, heard): return -0.01 * own.state[..., 3:]",
     "PLANAR": "def step(self, own, heard): return -own.learned - own.state[..., 2:]",
 }
+UNDRAWN = ("--without", "report", "--without", "recording")  # what takes longest and is looked at elsewhere
+
 every_body = pytest.mark.parametrize("body", BODIES.values(), ids=list(BODIES))
 
 
@@ -104,14 +106,14 @@ def test_a_user_s_filter_flies_and_is_judged(body: Body, nacs, tmp_path: Path) -
 @every_body
 def test_a_user_s_law_flies_in_place_of_the_scenario_s(body: Body, nacs, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(f"class Mine:\n    def __init__(self, setting): pass\n    {LAWS[body.law]}\n")
-    result = nacs("run", body.scenario, "--trials", 1, *settings(body), "--controller", "mine.py:Mine", "--out", "it")
+    result = nacs("run", body.scenario, "--trials", 1, *settings(body), "--controller", "mine.py:Mine", "--out", "it", *UNDRAWN)
     assert result.code == 0, result.err
     assert json.loads((tmp_path / "it" / "summary.json").read_text())["guests"] == {"mine": "mine.py:Mine"}
 
 
 @every_body
 def test_one_trial_alone_is_the_same_trial(body: Body, nacs, tmp_path: Path) -> None:
-    common = ["run", body.scenario, "--trials", 3, *settings(body)]
+    common = ["run", body.scenario, "--trials", 3, *settings(body), *UNDRAWN]
     assert nacs(*common, "--out", "all").code == 0
     result = nacs(*common, "--only-trial", 2, "--out", "one")
     assert result.code == 0, result.err
@@ -155,7 +157,7 @@ def test_a_run_is_shown_live(body: Body, nacs, tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "live.rrd"
     monkeypatch.setattr("sim.rerun.live.socket.create_connection", lambda *_, **__: Accepting())
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda stream, _, default_blueprint: stream.save(path, default_blueprint))
-    result = nacs("run", body.scenario, "--trials", 1, *settings(body), "--live", "--out", "it")
+    result = nacs("run", body.scenario, "--trials", 1, *settings(body), "--live", "--out", "it", *UNDRAWN)
     assert result.code == 0, result.err
     entities = {str(chunk.entity_path) for chunk in RrdReader(path).stream().to_chunks()}
     loops = load(body.scenario, body.changes).loops

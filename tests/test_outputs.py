@@ -34,10 +34,18 @@ def test_a_run_leaves_what_is_unasked_and_what_was_asked_for(nacs, tmp_path: Pat
     assert ("nacs replay it/log.parquet" in result.out) == bool(more)
 
 
-def test_an_output_that_does_not_exist_is_one_line(nacs, tmp_path: Path) -> None:
-    result = nacs(*QUICK, "--also", "movie")
+def test_a_run_leaves_out_what_is_not_wanted(nacs, tmp_path: Path) -> None:
+    result = nacs(*QUICK, "--without", "report", "--without", "recording")
+    assert result.code == 0, result.err
+    assert {path.name for path in (tmp_path / "it").iterdir()} == {"summary.json", "trials.parquet"}
+    assert "report.png" not in result.out
+
+
+@pytest.mark.parametrize("option", ["--also", "--without"])
+def test_an_output_that_does_not_exist_is_one_line(nacs, tmp_path: Path, option: str) -> None:
+    result = nacs(*QUICK, option, "movie")
     assert (result.code, result.err.count("\n")) == (2, 1)
-    assert "--also movie: there is no such output; there are log, recording, report" in result.err
+    assert f"{option} movie: there is no such output; there are log, recording, report" in result.err
     assert not list(tmp_path.iterdir())
 
 

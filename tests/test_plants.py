@@ -222,7 +222,7 @@ def test_a_plant_of_four_files_has_all_that_the_testbed_has(tmp_path):
     command = [sys.executable, "-W", "error", "nacs.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "codes [0, 0, 0, 0, 0, 0, 2]" in done.stdout, done.stdout + done.stderr
-    assert "'dumbbell'" in done.stderr
+    assert "no type is called 'dumbell'; did you mean dumbbell?" in done.stderr
     found = {(row["subject"], row["metric"]): row["mean"] for row in json.loads((tmp_path / "run" / "summary.json").read_text())["rows"]}
     assert all(found[name, "nees_mean"] < 10.0 for name in ("ekf", "mekf", "ukf"))
     assert ("pf", "nees_mean") in found

@@ -17,7 +17,7 @@ HYBRIDS = ("nis-windowed", "nis-fading")
 
 
 @pytest.mark.parametrize("name", [name for name in scenario_names() if name.split("/")[0] not in ("formation", "consensus")])
-def test_every_scenario_runs_and_leaves_its_four_files(nacs, tmp_path, name: str) -> None:
+def test_every_scenario_runs_and_leaves_its_files(nacs, tmp_path, name: str) -> None:
     scenario = load(name)
     faults, tick = scenario.faults, scenario.run.tick_s
     settings = [
@@ -26,9 +26,11 @@ def test_every_scenario_runs_and_leaves_its_four_files(nacs, tmp_path, name: str
         *(f"faults.{i}.duration_s={10 * tick:g}" for i in range(len(faults))),
         *(["identification.period=20.0"] if scenario.identification else []),
     ]
-    result = nacs("run", name, "--trials", 2, "--out", "it", *(part for s in settings for part in ("--set", s)))
+    drawn = [] if "-mode-" in name else ["recording.rrd", "report.png"]  # such a file differs by one number from another, which is drawn
+    options = () if drawn else ("--without", "report", "--without", "recording")
+    result = nacs("run", name, "--trials", 2, "--out", "it", *options, *(part for s in settings for part in ("--set", s)))
     assert result.code == 0, result.err
-    assert sorted(p.name for p in (tmp_path / "it").iterdir()) == ["recording.rrd", "report.png", "summary.json", "trials.parquet"]
+    assert sorted(p.name for p in (tmp_path / "it").iterdir()) == [*drawn, "summary.json", "trials.parquet"]
     summary = json.loads((tmp_path / "it" / "summary.json").read_text())
     assert {"scenario", "seed", "trials", "versions", "wall_s", "sim_s", "rows"} <= summary.keys()
     assert (summary["scenario"], summary["trials"]) == (name, 2)

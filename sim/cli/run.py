@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from sim.rerun.live_curves import LiveCurves
 
 
+_UNASKED = ", ".join(f"{key} ({output.file})" for key, output in OUTPUTS.items() if output.unasked)
 _ASKED = ", ".join(f"{key} ({output.file})" for key, output in OUTPUTS.items() if not output.unasked)
 
 
@@ -63,6 +64,7 @@ def run(
         bool, typer.Option("--export-log", help="also write log.parquet: readings and commands of the recorded trials, for `nacs replay`")
     ] = False,
     also: Annotated[list[str] | None, typer.Option(metavar="OUTPUT", help=f"also write this: {_ASKED} (may be repeated)")] = None,
+    without: Annotated[list[str] | None, typer.Option(metavar="OUTPUT", help=f"do not write this: {_UNASKED} (may be repeated)")] = None,
     live: Annotated[
         bool, typer.Option("--live", help="also stream the first trial to a Rerun viewer that is open on this machine")
     ] = False,
@@ -81,8 +83,10 @@ def run(
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     asked = {*(also or ()), *(("log",) if export_log else ())}
-    if unknown := asked - OUTPUTS.keys():
-        raise BadInput(f"--also {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
+    for option, named in (("--also", asked), ("--without", {*(without or ())})):
+        if unknown := named - OUTPUTS.keys():
+            raise BadInput(f"{option} {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
+    written = [output for key, output in OUTPUTS.items() if key in asked or (output.unasked and key not in (without or ()))]
     if (asked or live) and not record_trials:
         option = "--live shows" if not asked else "--export-log writes" if export_log else f"--also {min(asked)} writes"
         raise BadInput(f"{option} the recorded trials and --record-trials 0 records none")
@@ -107,9 +111,8 @@ def run(
     ended.write_figures(target, overwrite, **user_code.described)
     if recordings:
         flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
-        for output in OUTPUTS.values():
-            if output.unasked or output.key in asked:
-                output.write(target / output.file, flown)
+        for output in written:
+            output.write(target / output.file, flown)
     if statistics := rows(ended.metrics):
         ended.print_header()
         for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):

@@ -23,6 +23,7 @@ from sim.series.antenna_panels import LIGHT, plain_log, plane, response
 from sim.series.loops import torque_unit
 from sim.series.palette import WHEEL_COLORS
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 Several = tuple[AntennaFlight, ...]
@@ -63,7 +64,7 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         _legend(figure, several)
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         figure.text(0.01, 0.9725, _said(name, several), fontsize=8, color=QUIET)
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _place(axes: Axes) -> tuple[int, int, int]:

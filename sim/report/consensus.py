@@ -18,6 +18,7 @@ from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.consensus import SMOOTHING_S, chosen, line_styles, moving_mean, occurrences
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 
@@ -65,7 +66,7 @@ def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         said = [f"{name}, trial {first.trials[0]}", *(f"{one.text} from {first.dt * one.start_tick:g} s" for one in occurrences(flown))]
         figure.text(0.01, 0.952, " | ".join(said), fontsize=8, color=QUIET)
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _errors(axes: Axes, flown: dict[str, Recording], lines: Lines, title: str, values: dict[str, Array], unit: str) -> None:

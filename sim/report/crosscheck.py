@@ -15,6 +15,7 @@ from sim.crosscheck.attribution import size_deg
 from sim.crosscheck.divergence import QUANTITIES, passes, rms
 from sim.crosscheck.study import CrossCheck
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 
@@ -77,7 +78,7 @@ def write_picture(path: Path, name: str, found: CrossCheck) -> None:
             + f" | as printed: {sum(f.fails for f in found.failures)} of {len(found.failures)} fail as they must" * bool(found.failures),
             fontsize=8, color="#5a6270",
         )  # fmt: skip
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _first(found: CrossCheck) -> int:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from sim.crosscheck.agents import AgentsCrossCheck
 from sim.series.palette import LOOP_VARIANTS
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 
 LEAST = 1e-12
 
@@ -38,4 +39,4 @@ def write_agents_picture(path: Path, name: str, found: AgentsCrossCheck) -> None
         figure.suptitle(
             f"Cross-check of {name}, loop {found.loop}: models against the plant", x=0.01, ha="left", fontsize=12, fontweight="bold"
         )
-        figure.savefig(path)
+        write_png(figure, path)

@@ -20,6 +20,7 @@ from sim.scenario.formation import FormationScenario
 from sim.series.formation import FormationFlight, flights
 from sim.series.palette import LOOP_VARIANTS
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 from sim.units import RPM
 
 Array = NDArray[np.floating]
@@ -67,7 +68,7 @@ def write_formation_report(path: Path, name: str, scenario: FormationScenario, r
         happened = dict.fromkeys((o.start_tick, o.text) for o in loops[0].occurrences)
         said = [f"{name}, trial {loops[0].recorded[0]}"] + [f"{loops[0].dt * start:g} s: {text}" for start, text in happened]
         figure.text(0.01, 0.958, _fitted(said), fontsize=7.5, color=QUIET)
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _fitted(said: list[str], most: int = 230) -> str:

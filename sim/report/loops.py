@@ -22,6 +22,7 @@ from sim.series.learned import learners
 from sim.series.loops import Flight, edges, flights, moving_rms, torque_unit, window
 from sim.series.palette import WHEEL_COLORS
 from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 from sim.units import RPM
 
 MOST_IN_A_ROW = 6  # entries of the legend
@@ -73,7 +74,7 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         said += ["; ".join(f"{text} at {recording.dt * start:.1f} s" for start, text in happened)] if happened else []
         said += [f"diamonds: as printed, {scenario.published.source}"] if scenario.published and restarts else []
         figure.text(0.01, 0.964, " | ".join(said), fontsize=8, color=QUIET)
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _legend(figure: Figure, several: Several) -> None:

@@ -17,6 +17,7 @@ from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from sim.loop.recording import Recording
 from sim.series.palette import WHEEL_COLORS, on_light
 from sim.series.picture_style import SMOOTHING_S, STYLE
+from sim.series.raster import write_png
 from sim.units import RPM
 
 Array = NDArray[np.floating]
@@ -54,7 +55,7 @@ def write_report(path: Path, name: str, title: str, recording: Recording, feedba
             0.01, 0.957, f"{name}, trial {recording.trials[0]}, loop closed on {feedback}" + (f" | {faults}" if faults else ""),
             fontsize=8, color="#5a6270",
         )  # fmt: skip
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _shade_faults(axes: Axes, recording: Recording) -> None:

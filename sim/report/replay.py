@@ -17,6 +17,7 @@ from sim.loop.recording import Recording
 from sim.series.estimation_errors import error_of_block, unit_of_error
 from sim.series.palette import on_light
 from sim.series.picture_style import SMOOTHING_S, STYLE
+from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 
@@ -64,7 +65,7 @@ def write_picture(path: Path, title: str, recording: Recording, layout: StateLay
             axes.set_xlabel("time [s]")
         figure.legend(handles=grid[0, 0].get_lines(), ncols=5, loc="outside upper right")
         figure.suptitle(f"{title}, trial {recording.trials[0]}", x=0.01, ha="left", fontsize=12, fontweight="bold")
-        figure.savefig(path)
+        write_png(figure, path)
 
 
 def _smooth(values: Array, recording: Recording) -> Array:

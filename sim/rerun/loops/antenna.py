@@ -10,7 +10,6 @@ import matplotlib as mpl
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from sim.rerun.loops.scene import Outlook
 from sim.series.antenna import AntennaFlight
 from sim.series.antenna_panels import DARK, plane, response
 from sim.series.picture_style import STYLE
+from sim.series.raster import pixels
 
 Array = NDArray[np.floating]
 Several = tuple[AntennaFlight, ...]
@@ -142,7 +142,7 @@ def pictures(several: Several) -> Iterator[tuple[str, Any, tuple[NDArray[np.int6
         figure, axes = _page()
         with mpl.rc_context(STYLE | DARK.style):
             plane(axes, several, channel, DARK)
-            image = _image(figure)
+            image = pixels(figure)[..., :3]
         path = subject.path(channel)
         ticks = np.concatenate([[0], np.minimum(subject.switches[channel] + 1, subject.recording.ticks - 1)])
         ticks, last = np.unique(ticks[::-1], return_index=True)
@@ -156,7 +156,7 @@ def pictures(several: Several) -> Iterator[tuple[str, Any, tuple[NDArray[np.int6
             figure, axes = _page()
             with mpl.rc_context(STYLE | DARK.style):
                 response(axes, several, channel, effort, DARK)
-                image = _image(figure)
+                image = pixels(figure)[..., :3]
             yield f"pictures/response_{kind}/{name}", rr.Image(image).compress(jpeg_quality=95), None
 
 
@@ -164,10 +164,3 @@ def _page() -> tuple[Figure, Any]:
     with mpl.rc_context(STYLE | DARK.style):
         figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI, layout="constrained")
         return figure, figure.add_subplot()
-
-
-def _image(figure: Figure) -> NDArray[np.uint8]:
-    """Pixels (rows, columns, 3)."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
