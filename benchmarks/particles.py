@@ -20,7 +20,7 @@ from estimation.unscented import UnscentedFilter
 from models.attitude.quaternion import IDENTITY, normalize
 from models.dynamics.planar_agent import PlanarAgent
 from models.dynamics.process import runge_kutta
-from models.plants.agents import AGENTS
+from models.plants.agents import AgentsParameters
 from models.plants.monolithic import MonolithicParameters
 from sim.estimators.consensus import AppliedControl, learner
 from sim.estimators.formation import agents_filter
@@ -32,6 +32,7 @@ Steps = Callable[[], object]
 
 ROUNDS = 5
 STEPS = 8
+AGENTS = AgentsParameters().agents
 TRIALS = 64
 TICK_S = 0.01
 NOISE = MatchedNoise()
@@ -90,7 +91,7 @@ def formation(name: str, random: np.random.Generator) -> Steps:
 def consensus(name: str, random: np.random.Generator) -> Steps:
     """A learner of six agents in the plane: four states and twenty-six weights each."""
     scenario: Any = load("consensus/fault-free", {})
-    learning = learner(name, scenario.loops[name], scenario.tuning, PlanarAgent(NETWORK, 1.0), 1, np.arange(TRIALS))
+    learning = learner(name, scenario.loops[name], scenario.tuning, PlanarAgent(NETWORK, 1.0), AGENTS, 1, np.arange(TRIALS))
     readings = random.uniform(-1.0, 1.0, (TRIALS, AGENTS, 4)) + 1e-4 * random.standard_normal((STEPS, TRIALS, AGENTS, 4))
     acted = AppliedControl(np.zeros((TRIALS, AGENTS, 2)), np.zeros((TRIALS, AGENTS, 2)))
     start = learning.initial(readings[0])

@@ -15,10 +15,11 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class CommunicationGraph:
-    """Weighted links between agents, and from a leader to some of them (Rososhansky 2017, fig. 4.1).
+    """Weighted links between agents, and from a leader to some of them (Rososhansky 2017, fig. 4.1); directed ones, too.
 
     Attributes:
-      weights: a_ij, (agents, agents), symmetric, zero on the diagonal; zero: no link.
+      weights: a_ij of what agent i hears of agent j, (agents, agents), zero on the diagonal; zero: nothing. Published graphs are
+        symmetric, and the proofs of convergence are for those.
       leader: a_i0, (agents,); zero: the agent does not see the leader.
     """
 
@@ -33,18 +34,23 @@ class CommunicationGraph:
             raise ValueError("a weight is negative")
         if np.any(np.diagonal(self.weights)):
             raise ValueError(f"agent {int(np.flatnonzero(np.diagonal(self.weights))[0]) + 1} is linked to itself")
-        if np.any(self.weights != self.weights.T):
-            i, j = np.argwhere(self.weights != self.weights.T)[0] + 1
-            raise ValueError(f"the link of {i} and {j} is not symmetric")
         if unreached := self.unreached():
             raise ValueError(f"no path leads from the leader to {', '.join(str(i + 1) for i in unreached)}")
 
     @classmethod
-    def of(cls, agents: int, links: Iterable[tuple[int, int, float]], leader: Iterable[tuple[int, float]]) -> CommunicationGraph:
-        """From lists of links (i, j, weight) and of who sees the leader (i, weight), agents counted from one."""
+    def of(
+        cls,
+        agents: int,
+        links: Iterable[tuple[int, int, float]],
+        leader: Iterable[tuple[int, float]],
+        one_way: Iterable[tuple[int, int, float]] = (),
+    ) -> CommunicationGraph:
+        """From links both ways (i, j, weight), who sees the leader (i, weight), and who hears whom (i, j, weight), counted from one."""
         weights, seen = np.zeros((agents, agents)), np.zeros(agents)
         for i, j, weight in links:
             weights[i - 1, j - 1] = weights[j - 1, i - 1] = weight
+        for i, j, weight in one_way:
+            weights[i - 1, j - 1] = weight
         for i, weight in leader:
             seen[i - 1] = weight
         return cls(weights, seen)

@@ -28,6 +28,8 @@ from sim.report.register import write_report
 from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.consensus import ConsensusScenario
+from sim.scenario.files import load
+from sim.scenario.graph import ConsensusGraph
 from sim.series.consensus import occurrences
 from sim.tables.register import tables_of
 
@@ -89,6 +91,39 @@ def test_faults_change_what_moves_the_agents():
     np.testing.assert_array_equal(last, before)
     pushed = unknown_force(scenario("disturbance"), np.zeros((6, 4)), 7.0)
     np.testing.assert_allclose(pushed[:, 0], 8.0 * np.sin(0.5 * 7.0 * np.arange(1, 7)), atol=1e-12)
+    np.testing.assert_allclose(pushed[:, 1], 8.0 * np.cos(0.5 * 7.0 * np.arange(1, 7)), atol=1e-12)
+
+
+def test_agents_are_as_many_as_asked_for():
+    parameters = AgentsParameters(agents=8, h1=(0.6, -0.2), h2=(0.3,), position_m=((1.0, 0.0), (0.0, 2.0), (1.0, 1.0)))
+    np.testing.assert_allclose(parameters.start[:2], [[1, 0, 0, 0], [0, 2, 0, 0]])
+    np.testing.assert_allclose(parameters.start[[3, 7], :2], [[np.cos(1), np.sin(1)], [-2 * np.sin(2), 2 * np.cos(2)]])
+    state = np.array([1.0, 2.0, 0.5, -0.3]) * np.ones((8, 1))
+    force = parameters.unknown_force(state, np.ones(2))
+    np.testing.assert_allclose(force[5], [8.0 * np.sin(np.pi / 4 - 0.2 * 0.5 / 2), 4.0 * np.cos(0.3 * -0.3 / 2)])
+    plant = AgentsPlant(compile_agents(parameters), 1.0, 2)
+    np.testing.assert_allclose(plant.motion()[1], parameters.start)
+
+
+def test_a_graph_of_other_size_is_as_published_where_nothing_is_said():
+    six, nine, two = (ConsensusGraph().build(agents) for agents in (6, 9, 2))
+    np.testing.assert_array_equal(np.diagonal(six.weights, 1), [0.7, 0.6, 0.7, 0.8, 0.9])
+    np.testing.assert_array_equal(six.leader, [0.8, 0, 0, 0, 0, 0.9])
+    np.testing.assert_array_equal(np.diagonal(nine.weights, 1), [0.7, 0.6, 0.7, 0.8, 0.9, 0.7, 0.6, 0.7])
+    np.testing.assert_array_equal(nine.leader, [0.8, *[0] * 7, 0.9])
+    np.testing.assert_array_equal(two.weights, [[0, 0.7], [0.7, 0]])
+    np.testing.assert_array_equal(ConsensusGraph().build(1).leader, [0.8])
+
+
+def test_agents_that_only_hear_forwards_still_track():
+    """A chain from the leader on, each agent hearing the one before: errors die out one after the other."""
+    graph = {"links": [], "one_way": [[2, 1, 0.7], [3, 2, 0.6], [4, 3, 0.8]], "leader": [[1, 0.8]]}
+    described = load("consensus/fault-free", {"plant.agents": 4, "graph": graph, "loops": {"exact": {"type": "exact"}}, "run.ticks": 1500})
+    assert described.communication().ways.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    recording = run(build(described, np.arange(1), loop="exact"))
+    apart = np.linalg.norm(recording.channels["truth/state"][:, 0, :, :2] - recording.channels["reference/leader"][:, None], axis=-1)
+    assert (apart[0] > 0.7).all()
+    assert (apart[-300:] < 0.03).all()
 
 
 # the loop ---------------------------------------------------------------------------------------------------------------------------

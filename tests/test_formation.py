@@ -32,7 +32,8 @@ from sim.randomness import RandomStream
 from sim.report.register import write_report
 from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
-from sim.scenario.formation import STARTS, FormationScenario, GraphSettings
+from sim.scenario.formation import STARTS, FormationScenario
+from sim.scenario.graph import FormationGraph
 from sim.tables.register import tables_of
 
 FILES = sorted((SCENARIOS / "formation").glob("*.toml"))
@@ -165,9 +166,11 @@ def test_a_graph_is_checked(links, leader, complaint):
         CommunicationGraph.of(3, links, leader)
 
 
-def test_a_graph_is_checked_for_symmetry():
-    with pytest.raises(ValueError, match="link of 1 and 2 is not symmetric"):
-        CommunicationGraph(np.array([[0.0, 0.4], [0.3, 0.0]]), np.array([1.0, 0.0]))
+def test_a_graph_can_be_directed():
+    graph = CommunicationGraph.of(3, [(1, 2, 0.4)], [(1, 0.5)], [(3, 2, 0.3)])
+    np.testing.assert_array_equal(graph.weights, [[0, 0.4, 0], [0.4, 0, 0], [0, 0.3, 0]])
+    with pytest.raises(ValueError, match="no path leads from the leader to 3"):
+        CommunicationGraph.of(3, [(1, 2, 0.4)], [(1, 0.5)], [(2, 3, 0.3)])
 
 
 @pytest.mark.parametrize(("sign", "settles"), [(-1.0, True), (1.0, False)])
@@ -362,7 +365,9 @@ def test_bad_files_are_refused(change, complaint):
 
 
 def test_the_published_graph_is_the_default():
-    graph = CommunicationGraph.of(6, GraphSettings().links, GraphSettings().leader)
+    graph = FormationGraph().build(6)
+    ring = [(0, 1, 0.4), (0, 5, 0.6), (1, 2, 0.6), (2, 3, 0.6), (3, 4, 0.8), (4, 5, 0.6)]  # Rososhansky 2017, sec. 4.3
+    assert [(i, j, graph.weights[i, j]) for i, j in np.argwhere(np.triu(graph.weights))] == ring
     assert graph.weights[4, 3] == 0.8
     assert graph.leader.tolist() == [0.5, 0.0, 0.0, 0.0, 0.0, 0.5]
 

@@ -5,7 +5,7 @@ import pytest
 
 from control.communication_graph import CommunicationGraph
 from control.terminal_sliding_mode import Lumped, TerminalSlidingMode, lumped, signed_power
-from models.plants.agents import AgentsParameters, disturbance
+from models.plants.agents import AgentsParameters
 
 GRAPH = CommunicationGraph.of(6, ((1, 2, 0.7), (2, 3, 0.6), (3, 4, 0.7), (4, 5, 0.8), (5, 6, 0.9)), ((1, 0.8), (6, 0.9)))
 LAW = TerminalSlidingMode()
@@ -60,9 +60,7 @@ def test_impossible_settings_are_refused(wrong):
         TerminalSlidingMode(**wrong)
 
 
-def test_disturbances_and_dynamics_by_hand():
-    pushed = disturbance(2.0, 0.1, 0.5)
-    np.testing.assert_allclose(pushed[2], [0.1 * np.sin(3.0), 0.1 * np.cos(3.0)])
+def test_dynamics_by_hand():
     state = np.array([1.0, 2.0, 0.5, -0.3]) * np.ones((6, 1))
     force = AgentsParameters().unknown_force(state, np.array([3.0, -1.0]))
     np.testing.assert_allclose(force[3], [12 * 2.0 * np.sin(-0.3 * 0.5 / 2 + np.pi / 4), -4 * 1.0 * np.cos(-0.7 * -0.3 / 2)])

@@ -20,7 +20,6 @@ from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
 from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
-from models.plants.agents import AGENTS
 from sim.estimators.learner_settings import Adaptive, Exact, LoopSettings, Marginalised, Nothing, TuningSettings, Unscented
 from sim.estimators.particle_draws import ParticleDraws
 from sim.randomness import Trials
@@ -136,9 +135,11 @@ class ByFilter(NoLearning):
 class ByParticles(NoLearning):
     """State and weights by the marginalised unscented particle filter."""
 
-    def __init__(self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, draws: ParticleDraws) -> None:
+    def __init__(
+        self, name: str, process: PlanarAgent, marginalised: MarginalisedUnscentedFilter, agents: int, draws: ParticleDraws
+    ) -> None:
         super().__init__(name, process)
-        self.filter, self._draws = marginalised, draws
+        self.filter, self._agents, self._draws = marginalised, agents, draws
 
     def initial(self, reading: Array) -> Learned:
         """The filter's first belief."""
@@ -154,7 +155,7 @@ class ByParticles(NoLearning):
 
     def _following(self) -> BlockDraws:
         draws = self._draws.step()
-        each = (len(draws.uniforms), AGENTS, self.filter.particles)
+        each = (len(draws.uniforms), self._agents, self.filter.particles)
         return BlockDraws(draws.normals.reshape(*each, self.filter.size), draws.uniforms.reshape(each))
 
     def _moments(self, inner: Any) -> tuple[Array, Array, Array]:
@@ -166,8 +167,10 @@ class ByParticles(NoLearning):
         return Learned(self.filter.motion(belief), self.filter.parameters(belief), belief)
 
 
-def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: PlanarAgent, seed: int, trials: Trials) -> NoLearning:
-    """How a loop learns, for these trials."""
+def learner(
+    name: str, settings: LoopSettings, tuning: TuningSettings, process: PlanarAgent, agents: int, seed: int, trials: Trials
+) -> NoLearning:
+    """How a loop of so many agents learns, for these trials."""
     match settings:
         case Exact() | Nothing():
             return NoLearning(name, process)
@@ -177,8 +180,8 @@ def learner(name: str, settings: LoopSettings, tuning: TuningSettings, process: 
             return ByFilter(name, process, joint_filter(process, tuning, settings))
         case Marginalised():
             marginalised = marginalised_filter(process, tuning, settings)
-            draws = ParticleDraws.of_a_filter(f"consensus/{name}", seed, trials, AGENTS * settings.particles, marginalised.size)
-            return ByParticles(name, process, marginalised, draws)
+            draws = ParticleDraws.of_a_filter(f"consensus/{name}", seed, trials, agents * settings.particles, marginalised.size)
+            return ByParticles(name, process, marginalised, agents, draws)
 
 
 def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscented) -> AdaptiveUnscentedFilter:

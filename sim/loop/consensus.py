@@ -11,7 +11,7 @@ from control.terminal_sliding_mode import Sliding, TerminalSlidingMode, lumped
 from estimation.state_space import Euclidean
 from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
-from models.plants.agents import AGENTS, AgentsParameters, compile_agents
+from models.plants.agents import AgentsParameters, compile_agents
 from sim.estimators.consensus import AppliedControl, Learned, learner
 from sim.estimators.learner_settings import Adaptive, Exact
 from sim.faults.effects import DISTURBANCE, DYNAMICS, SLIDING
@@ -143,7 +143,7 @@ class ConsensusEffectors:
 
     def rest(self) -> ActuatorOutput:
         """No force."""
-        nothing = np.zeros((self.trials, AGENTS, 2))
+        nothing = np.zeros((self.trials, len(self.unknown.disturbance), 2))
         return ActuatorOutput(np.zeros((1, 0)), nothing, AppliedControl(nothing, nothing), None, {})
 
     def give(
@@ -186,7 +186,7 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     inner = round(run.tick_s / dt)
     parameters = scenario.plant.model_copy(update={"step_s": min(scenario.plant.step_s, dt)})
     plant = AgentsPlant(compile_agents(parameters), parameters.mass_kg, len(trials))
-    graph = scenario.graph.build()
+    graph = scenario.communication()
     losses = RandomStream(run.seed, trials, Stream.MESSAGES, (len(graph.ways),), uniform=True)
     user_law = user_code.control(surroundings(scenario))
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
@@ -195,7 +195,9 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     deviation = np.array([scenario.sensors.position_std_m] * 2 + [scenario.sensors.speed_std_m_s] * 2)
     return System(
         plant=plant,
-        sensors=AgentsSensors(deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (AGENTS, 4)), np.array([2, 2]), faults),
+        sensors=AgentsSensors(
+            deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (scenario.plant.agents, 4)), np.array([2, 2]), faults
+        ),
         estimators=consensus_estimators(scenario, name, trials, user_code),
         feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt),
         network=Network(graph, faults, losses, skip=False),
@@ -224,5 +226,5 @@ def leader_motion(scenario: ConsensusScenario, time: Array) -> tuple[Array, Arra
 def consensus_estimators(scenario: ConsensusScenario, name: str, trials: Trials, user_code: UserCode) -> tuple[Estimator, ...]:
     """How one loop of a scenario learns, and the user's filters."""
     process, settings = PlanarAgent(NETWORK, scenario.plant.mass_kg), scenario.loops[name]
-    learning = learner(name, settings, scenario.tuning, process, scenario.run.seed, trials)
+    learning = learner(name, settings, scenario.tuning, process, scenario.plant.agents, scenario.run.seed, trials)
     return (learning, *user_code.filters(surroundings(scenario)))

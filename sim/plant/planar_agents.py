@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.plants.agents import AGENTS
 from models.plants.assembly import Assembly
 from sim.plant.batch import Plant
 
@@ -25,7 +24,7 @@ class PlanarTruth(NamedTuple):
 
 
 class AgentsPlant(Plant):
-    """Trials of six agents; all their joints slide, so that generalised forces are forces."""
+    """Trials of several agents; all their joints slide, so that generalised forces are forces."""
 
     def __init__(self, assembly: Assembly, mass: float, trials: int) -> None:
         super().__init__(assembly, trials)
@@ -35,7 +34,7 @@ class AgentsPlant(Plant):
 
     def motion(self) -> Array:
         """[x, v] of every agent, (trials, agents, 4)."""
-        place, speed = (part.reshape(self.trials, AGENTS, 2) for part in (self._place, self._speed))
+        place, speed = (part.reshape(self.trials, -1, 2) for part in (self._place, self._speed))
         return np.concatenate([place, speed], axis=-1)
 
     def truth(self) -> PlanarTruth:  # type: ignore[override]

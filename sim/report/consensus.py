@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -90,10 +91,10 @@ def _errors(axes: Axes, flown: dict[str, Recording], lines: Lines, title: str, v
 def _paths(axes: Axes, loop: str, flown: Recording) -> None:
     """Where the agents of one loop went."""
     truth = flown.channels["truth/state"][:, 0]
-    for agent, colour in enumerate(AGENT_COLORS):
-        axes.plot(*truth[:, agent, :2].T, color=colour, lw=0.9)
-        axes.plot(*truth[0, agent, :2], "o", color=colour, ms=4)
-        axes.annotate(f"{agent + 1}", tuple(truth[0, agent, :2]), xytext=(4, 3), textcoords="offset points", fontsize=7.5, color=colour)
+    for number, (path, colour) in enumerate(zip(np.moveaxis(truth[..., :2], 1, 0), cycle(AGENT_COLORS), strict=False), 1):
+        axes.plot(*path.T, color=colour, lw=0.9)
+        axes.plot(*path[0], "o", color=colour, ms=4)
+        axes.annotate(f"{number}", tuple(path[0]), xytext=(4, 3), textcoords="offset points", fontsize=7.5, color=colour)
     axes.plot(*flown.channels["reference/leader"].T, color="black", lw=1.2, ls=(0.0, (3.0, 2.0)))
     axes.set(title=f"Paths of {loop}; dashed: leader", xlabel="x [m]", ylabel="y [m]", aspect="equal")
 

@@ -9,34 +9,16 @@ from pydantic import Field, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.terminal_sliding_mode import TerminalSlidingMode
-from models.plants.agents import AGENTS, AgentsParameters
+from models.plants.agents import AgentsParameters
 from models.sections import NonNegative, Positive, Section
 from sim.estimators.learner_settings import Adaptive, LoopSettings, Marginalised, TuningSettings
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
 from sim.faults.readings import DropOut
+from sim.scenario.graph import ConsensusGraph
 from sim.scenario.run import Published, RunSettings
 
 CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
-
-
-class GraphSettings(Section):
-    """Links with their weights; agents are counted from one (Rososhansky 2017, sec. 5.3)."""
-
-    links: tuple[tuple[int, int, NonNegative], ...] = ((1, 2, 0.7), (2, 3, 0.6), (3, 4, 0.7), (4, 5, 0.8), (5, 6, 0.9))
-    leader: tuple[tuple[int, NonNegative], ...] = Field(((1, 0.8), (6, 0.9)), description="who sees the leader")
-
-    @model_validator(mode="after")
-    def _connected(self) -> GraphSettings:
-        for number in [agent for *ends, _ in self.links for agent in ends] + [agent for agent, _ in self.leader]:
-            if not 1 <= number <= AGENTS:
-                raise ValueError(f"there is no agent {number}: they are 1 to {AGENTS}")
-        self.build()
-        return self
-
-    def build(self) -> CommunicationGraph:
-        """The graph; raises ValueError where it is none that can track."""
-        return CommunicationGraph.of(AGENTS, self.links, self.leader)
 
 
 class LeaderSettings(Section):
@@ -80,7 +62,7 @@ class ConsensusScenario(Section):
     source: str
     run: RunSettings
     plant: AgentsParameters = AgentsParameters()
-    graph: GraphSettings = GraphSettings()
+    graph: ConsensusGraph = ConsensusGraph()
     leader: LeaderSettings = LeaderSettings()
     control: LawSettings = LawSettings()
     sensors: SensorSettings = SensorSettings()
@@ -107,6 +89,7 @@ class ConsensusScenario(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> ConsensusScenario:
+        self.communication()
         duration = self.run.ticks * self.run.tick_s
         for name, loop in self.loops.items():
             tick = loop.tick_s if isinstance(loop, Adaptive) else self.run.tick_s
@@ -120,17 +103,21 @@ class ConsensusScenario(Section):
                 raise ValueError(f"{where}, but the particles of loop {sampled[0]} begin with a reading; let it begin later")
         return self
 
+    def communication(self) -> CommunicationGraph:
+        """The graph; raises ValueError."""
+        return self.graph.build(self.plant.agents)
+
     @property
     def parts(self) -> Parts:
         """What can fail."""
         return Parts(
             self.family,
             {"position": 2, "speed": 2},
-            AGENTS,
+            self.plant.agents,
             axes=2,
-            messages=self.graph.build().ways,
+            messages=self.communication().ways,
             noise=(self.sensors.position_std_m, self.sensors.speed_std_m_s),
-            disturbance=np.column_stack([np.tile(self.disturbance, (AGENTS, 1)), np.arange(1, AGENTS + 1)]),
+            disturbance=np.column_stack([np.tile(self.disturbance, (self.plant.agents, 1)), np.arange(1, self.plant.agents + 1)]),
         )
 
     @property
@@ -142,8 +129,8 @@ class ConsensusScenario(Section):
         """What may be meant but deserves a word, a line each."""
         slow = [name for name, loop in self.loops.items() if isinstance(loop, Marginalised)]
         work = sum(loop.particles for loop in self.loops.values() if isinstance(loop, Marginalised)) * self.run.trials
-        if work * self.run.ticks > CROWD * 2000:
-            return [f"{', '.join(slow)}: {work} trials x particles of six agents take minutes; fewer --trials are quicker"]
+        if work * self.run.ticks * self.plant.agents > CROWD * 2000 * 6:
+            return [f"{', '.join(slow)}: {work} trials x particles of {self.plant.agents} agents take minutes; fewer --trials are quicker"]
         return []
 
 

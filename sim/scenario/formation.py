@@ -12,7 +12,7 @@ from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
 from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
-from models.sections import NonNegative, Ordinal, Positive, Section
+from models.sections import NonNegative, Positive, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
 from sim.faults.bodies import InertiaChange
 from sim.faults.kinds import Fault, check_faults, renamed
@@ -20,6 +20,7 @@ from sim.faults.links import Cut
 from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings
+from sim.scenario.graph import FormationGraph
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -36,14 +37,6 @@ STARTS: tuple[tuple[float, float, float], ...] = (
     (-1.2, -1.2, -1.2 * _TWO),
 )
 RESERVED = ("truth", "leader", "all")
-
-
-class GraphSettings(Section):
-    """Links; the published ring if none are given (Rososhansky 2017, sec. 4.3)."""
-
-    links: tuple[tuple[Ordinal, Ordinal, Positive], ...] = ((1, 2, 0.4), (1, 6, 0.6), (2, 3, 0.6), (3, 4, 0.6), (4, 5, 0.8), (5, 6, 0.6))
-    leader: tuple[tuple[Ordinal, Positive], ...] = Field(((1, 0.5), (6, 0.5)), description="who sees it")
-    when_lost: Literal["hold", "skip"] = Field("hold", description="a message that does not come: the last one holds, or counts nothing")
 
 
 class LeaderSettings(Section):
@@ -104,7 +97,7 @@ class FormationScenario(Section):
     source: str = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
     plant: FormationSettings
-    graph: GraphSettings = GraphSettings()
+    graph: FormationGraph = FormationGraph()
     leader: LeaderSettings = LeaderSettings()
     start: StartSettings = StartSettings()
     reading_deviation: NonNegative = Field(1e-4, description="of each component of sigma, a reading")
@@ -131,13 +124,7 @@ class FormationScenario(Section):
         agents = self.plant.agents
         if len(self.plant.believed_inertia) != agents:
             raise ValueError(f"plant: {agents} agents, but {len(self.plant.believed_inertia)} believed inertias")
-        numbers = [n for i, j, _ in self.graph.links for n in (i, j)] + [n for n, _ in self.graph.leader]
-        if beyond := [n for n in numbers if n > agents]:
-            raise ValueError(f"graph: there is no agent {beyond[0]}; there are {agents}")
-        try:
-            self.communication()
-        except ValueError as complaint:
-            raise ValueError(f"graph: {complaint}") from None
+        self.communication()
         known = ["truth", *self.observers, *(info.context or {}).get("guests", ())]
         for name, loop in self.loops.items():
             for observer in (loop.feedback, *loop.watching):
@@ -183,13 +170,13 @@ class FormationScenario(Section):
         if any(_shared_bias(fault) for fault in self.faults):
             said.append("faults: a bias that all readings share is followed by every filter, since nothing tells it from an attitude")
         for fault in self.faults:
-            if isinstance(fault, Cut) and len({j for i, j in fault.links if i == 0}) >= len(self.graph.leader):
+            if isinstance(fault, Cut) and len({j for i, j in fault.links if i == 0}) >= np.count_nonzero(self.communication().leader):
                 said.append("faults: nobody sees the leader while all those links are cut")
         return said
 
     def communication(self) -> CommunicationGraph:
         """The graph; raises ValueError."""
-        return CommunicationGraph.of(self.plant.agents, self.graph.links, self.graph.leader)
+        return self.graph.build(self.plant.agents)
 
     @property
     def parts(self) -> Parts:

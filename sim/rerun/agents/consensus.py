@@ -12,7 +12,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from models.plants.agents import AGENTS
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
@@ -25,7 +24,7 @@ from sim.series.palette import AXES, PALE_AXES, REFERENCE, Colour
 Array = NDArray[np.floating]
 
 AGENT_COLOURS: tuple[Colour, ...] = ((238, 84, 72), (255, 164, 66), (240, 222, 90), (92, 214, 120), (92, 156, 255), (190, 124, 245))
-NAMES = ("1", "2", "3", "4", "5", "6")
+MOST = 12  # agents that have plots of their own
 DRAWN_HZ, TRAIL_S = 25.0, 2.5
 CLOSE = 0.045  # m
 TURN = np.linspace(0.0, 2.0 * np.pi, 73)
@@ -39,11 +38,13 @@ class ConsensusLayout(Page):
     Attributes:
       loops: their names.
       shown: the loop that is drawn large.
+      plotted: numbers of the agents that have plots of their own.
       highs: upper end of axes on which what diverges would hide all else, by entity.
     """
 
     loops: tuple[str, ...]
     shown: str
+    plotted: tuple[int, ...]
     highs: dict[str, float]
 
     def tabs(self) -> list[Any]:
@@ -66,13 +67,15 @@ class ConsensusLayout(Page):
         )
 
     def _dynamics(self) -> Any:
-        views = [self._plot(f"f + d and W phi (pale) of agent {agent}, {self.shown} [N]", f"dynamics/agent_{agent}/**") for agent in NAMES]
-        return rrb.Grid(*views, grid_columns=3, name="Dynamics")
+        views = [
+            self._plot(f"f + d and W phi (pale) of agent {agent}, {self.shown} [N]", f"dynamics/agent_{agent}/**") for agent in self.plotted
+        ]
+        return rrb.Grid(*views, grid_columns=min(3, len(views)), name="Dynamics")
 
     def _control(self) -> Any:
-        views = [self._plot(f"Command of agent {agent}, {self.shown} [N]", f"control/agent_{agent}") for agent in NAMES]
+        views = [self._plot(f"Command of agent {agent}, {self.shown} [N]", f"control/agent_{agent}") for agent in self.plotted]
         effort = self._among("Command of all agents, length, mean over 0.5 s [N], zoomed in", "metrics/effort")
-        return rrb.Vertical(effort, rrb.Grid(*views, grid_columns=3), row_shares=[30, 70], name="Control")
+        return rrb.Vertical(effort, rrb.Grid(*views, grid_columns=min(3, len(views))), row_shares=[30, 70], name="Control")
 
     def _among(self, name: str, path: str, legend: bool = True) -> Any:
         return self._plot(name, path, high=self.highs[path], legend=legend)
@@ -123,7 +126,11 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
         drawn = tuple(curves(scenario, one))
         duration = scenario.run.ticks * scenario.run.tick_s
         prefix = f"trial_{number}/" if len(numbers) > 1 else ""
-        trials[f"Trial {number}"] = (one, drawn, ConsensusLayout(prefix, duration, tuple(one), chosen(one), _highs(drawn)))
+        trials[f"Trial {number}"] = (
+            one,
+            drawn,
+            ConsensusLayout(prefix, duration, tuple(one), chosen(one), plotted(scenario), _highs(drawn)),
+        )
     with rr.RecordingStream(APPLICATION) as stream:
         stream.save(path, default_blueprint=blueprint({label: layout for label, (_, _, layout) in trials.items()}))
         describe(stream, name, configuration)
@@ -135,6 +142,11 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
                 time = time_column(one[layout.shown].time)
                 stream.send_columns(layout.prefix + entity(curve.path), [time], columns(curve))
             _write_events(stream, layout.prefix, name, scenario, one)
+
+
+def plotted(scenario: ConsensusScenario) -> tuple[int, ...]:
+    """Numbers of the agents that have plots of their own: the first."""
+    return tuple(range(1, min(scenario.plant.agents, MOST) + 1))
 
 
 def path_of(loop: str) -> str:
@@ -157,7 +169,8 @@ def curves(scenario: ConsensusScenario, flown: dict[str, Recording]) -> Iterator
     effort = {name: np.linalg.norm(one.channels["force"][:, 0], axis=(-2, -1)) for name, one in flown.items()}
     yield among("metrics/effort", "N", {name: moving_mean(value, flown[name].dt) for name, value in effort.items()})
     channels = flown[chosen(flown)].channels
-    for agent, number in enumerate(NAMES):
+    for number in plotted(scenario):
+        agent = number - 1
         for key, shades, width, label in (("unknown", AXES, 3.0, "f + d"), ("learned", PALE_AXES, 1.2, "W phi")):
             names_of = tuple(f"{label} {axis} [N]" for axis in "xy")
             yield Curve(f"dynamics/agent_{number}/{key}", names_of, shades[:2], channels[key][:, 0, agent], width)
@@ -175,14 +188,16 @@ def _highs(drawn: tuple[Curve, ...]) -> dict[str, float]:
 
 
 def _write_plane(stream: Any, place: str, scenario: ConsensusScenario, flown: Recording) -> None:
+    numbers = range(1, scenario.plant.agents + 1)
+    names, colours = [str(number) for number in numbers], [AGENT_COLOURS[(number - 1) % len(AGENT_COLOURS)] for number in numbers]
     stride = max(1, round(1.0 / (DRAWN_HZ * flown.dt)))
     rows = np.arange(0, len(flown.channels["reference/leader"]), stride)
     time = [time_column(flown.dt * rows)]
     up = np.array([1.0, -1.0])
     agents = np.clip(flown.channels["truth/state"][rows, 0, :, :2], -1e3, 1e3) * up
     leader = flown.channels["reference/leader"][rows] * up
-    graph = scenario.graph.build()
-    ends = [(int(i), int(j)) for i, j in np.argwhere(np.triu(graph.weights) > 0.0)]
+    graph = scenario.communication()
+    ends = [(int(i), int(j)) for i, j in np.argwhere(np.triu(graph.weights + graph.weights.T) > 0.0)]
     seen = [int(i) for i in np.flatnonzero(graph.leader)]
     strips = [np.stack([agents[:, i], agents[:, j]], axis=1) for i, j in ends] + [np.stack([agents[:, i], leader], axis=1) for i in seen]
     links = np.stack(strips, axis=1)  # (rows, links, 2, 2)
@@ -199,16 +214,18 @@ def _write_plane(stream: Any, place: str, scenario: ConsensusScenario, flown: Re
         rr.LineStrips2D.columns(strips=list(links.reshape(-1, 2, 2))).partition(np.full(len(rows), links.shape[1])),
     )
     for entity_path, radius in ((f"{place}/trail", 0.012), (f"{place}/agents", 0.055)):
-        stream.log(entity_path, rr.Points2D.from_fields(colors=AGENT_COLOURS, radii=radius), static=True)
-        stream.send_columns(entity_path, time, rr.Points2D.columns(positions=agents.reshape(-1, 2)).partition(np.full(len(rows), AGENTS)))
+        stream.log(entity_path, rr.Points2D.from_fields(colors=colours, radii=radius), static=True)
+        stream.send_columns(
+            entity_path, time, rr.Points2D.columns(positions=agents.reshape(-1, 2)).partition(np.full(len(rows), agents.shape[1]))
+        )
     near = f"{place}/close_up"
-    stream.log(f"{place}/agents", rr.Points2D.from_fields(labels=NAMES, show_labels=True), static=True)
+    stream.log(f"{place}/agents", rr.Points2D.from_fields(labels=names, show_labels=True), static=True)
     stream.log(f"{near}/leader", rr.Points2D([[0.0, 0.0]], colors=[REFERENCE], radii=0.0016), static=True)
     circles = [0.01 * r * np.stack([np.cos(TURN), np.sin(TURN)], axis=-1) for r in (1, 2, 3)]
     stream.log(f"{near}/circles", rr.LineStrips2D(circles, colors=[LINK] * 3, radii=0.0002), static=True)
-    stream.log(f"{near}/agents", rr.Points2D.from_fields(colors=AGENT_COLOURS, radii=0.0013, labels=NAMES, show_labels=True), static=True)
+    stream.log(f"{near}/agents", rr.Points2D.from_fields(colors=colours, radii=0.0013, labels=names, show_labels=True), static=True)
     relative = (agents - leader[:, None]).reshape(-1, 2)
-    stream.send_columns(f"{near}/agents", time, rr.Points2D.columns(positions=relative).partition(np.full(len(rows), AGENTS)))
+    stream.send_columns(f"{near}/agents", time, rr.Points2D.columns(positions=relative).partition(np.full(len(rows), agents.shape[1])))
     stream.log(f"{place}/leader", rr.Points2D.from_fields(colors=[REFERENCE], radii=0.07), static=True)
     stream.send_columns(f"{place}/leader", time, rr.Points2D.columns(positions=leader))
 
