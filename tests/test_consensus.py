@@ -16,6 +16,7 @@ from models.dynamics.chebyshev_network import ChebyshevNetwork
 from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AgentsParameters, compile_agents
+from sim.bad_input import BadInput
 from sim.campaign.blocks import simulate
 from sim.faults.timeline import schedule
 from sim.loop.build import build
@@ -32,6 +33,7 @@ from sim.scenario.files import load
 from sim.scenario.graph import ConsensusGraph
 from sim.series.consensus import occurrences
 from sim.tables.register import tables_of
+from sim.user_code.user_code import UserCode
 
 FOLDER = SCENARIOS / "consensus"
 NAMES = ("fault-free", "dynamics", "disturbance", "command-fault")
@@ -113,6 +115,30 @@ def test_a_graph_of_other_size_is_as_published_where_nothing_is_said():
     np.testing.assert_array_equal(nine.leader, [0.8, *[0] * 7, 0.9])
     np.testing.assert_array_equal(two.weights, [[0, 0.7], [0.7, 0]])
     np.testing.assert_array_equal(ConsensusGraph().build(1).leader, [0.8])
+
+
+def test_a_users_filter_closes_the_loop_that_names_it(tmp_path):
+    """It believes every agent to be 0.1 m further along x than is read: that is where the agents then stay apart from the leader."""
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\nfrom typing import NamedTuple\n\nclass Belief(NamedTuple):\n    mean: np.ndarray\n\n"
+        "class Shifted:\n    def __init__(self, setting): pass\n"
+        "    def initial(self, measurement): return Belief(measurement + [0.1, 0, 0, 0])\n"
+        "    def step(self, belief, command, measurement, dt): return self.initial(measurement)\n"
+    )
+    mine = UserCode((f"{tmp_path / 'mine.py'}:Shifted",))
+    loops = {"exact": {"type": "exact", "feedback": "shifted"}, "usual": {"type": "exact"}, "seen": {"type": "exact", "feedback": "truth"}}
+    described = load("consensus/fault-free", {"loops": loops, "run.ticks": 1000}, mine.names)
+    late = {}
+    for name in loops:
+        recording = run(build(described, np.arange(1), mine, loop=name))
+        late[name] = np.mean(
+            recording.channels["truth/state"][-300:, 0, :, :2] - recording.channels["reference/leader"][-300:, None], axis=0
+        )
+        believed = "shifted/mean" if name == "exact" else "truth/state" if name == "seen" else "usual/mean"
+        np.testing.assert_array_equal(recording.channels["estimate"], recording.channels[believed])
+    np.testing.assert_allclose(late["exact"] - late["usual"], [[-0.1, 0.0]] * 6, atol=0.02)
+    with pytest.raises(BadInput, match=r"loops.exact.feedback: there is no filter 'shifted'; there are truth"):
+        load("consensus/fault-free", {"loops": loops})
 
 
 def test_agents_that_only_hear_forwards_still_track():

@@ -19,19 +19,25 @@ class TuningSettings(Section):
     first_weight_std: Positive = Field(1.0, description="of each weight around zero at first")
 
 
-class Exact(Section):
+class Learner(Section):
+    """What the loops have in common."""
+
+    feedback: str | None = Field(None, description="whose motion the law acts on: a filter of your own, or truth; none: what learns")
+
+
+class Exact(Learner):
     """Knows f + d: what the law makes of perfect learning."""
 
     type: Literal["exact"]
 
 
-class Nothing(Section):
+class Nothing(Learner):
     """Learns nothing, W = 0."""
 
     type: Literal["none"]
 
 
-class Adaptive(Section):
+class Adaptive(Learner):
     """Weights by the adaptive law, at its own rate; readings are taken as they are."""
 
     type: Literal["adaptive-law"]
@@ -39,7 +45,7 @@ class Adaptive(Section):
     tick_s: Positive = Field(0.001, description="its own control period: the law is stiff")
 
 
-class Unscented(Section):
+class Unscented(Learner):
     """State and weights by one adaptive unscented Kalman filter."""
 
     type: Literal["unscented"]
@@ -49,7 +55,7 @@ class Unscented(Section):
     kappa: NonNegative = 0.0
 
 
-class Marginalised(Section):
+class Marginalised(Learner):
     """The marginalised unscented particle filter."""
 
     type: Literal["marginalised"]

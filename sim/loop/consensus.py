@@ -78,15 +78,24 @@ class ConsensusFeedback:
       unknown: what acts.
       exact: the law knows f + d.
       dt: control period, s.
+      estimators: of the loop, the one that learns being the first.
+      source: whose motion counts: a filter's name, or `truth`; None: that of the one that learns.
     """
 
     unknown: UnknownForce
     exact: bool
     dt: float
+    estimators: tuple[Estimator, ...] = ()
+    source: str | None = None
 
     def __call__(self, tick: int, beliefs: tuple[Any, ...], truth: PlanarTruth, reading: Array, held: Array) -> ConsensusEstimate:
         """What each agent acts on."""
         learned: Learned = beliefs[0]
+        if self.source == "truth":
+            learned = learned._replace(motion=truth.state)
+        for estimator, belief in zip(self.estimators, beliefs, strict=True) if self.source is not None else ():
+            if self.source in estimator.names:
+                learned = learned._replace(motion=estimator.summary(belief).mean[estimator.names.index(self.source)])
         unknown = self.unknown.at(tick, truth.state, tick * self.dt)
         known = unknown if self.exact else NETWORK.output(learned.weights, learned.motion)
         return ConsensusEstimate(learned, unknown, known)
@@ -189,6 +198,7 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     graph = scenario.communication()
     losses = RandomStream(run.seed, trials, Stream.MESSAGES, (len(graph.ways),), uniform=True)
     user_law = user_code.control(surroundings(scenario))
+    estimators = consensus_estimators(scenario, name, trials, user_code)
     leader, leader_rate = leader_motion(scenario, run.tick_s * np.arange(run.ticks))
     faults = schedule([scenario.faults] * len(trials), scenario.parts, run.seed, trials, run.ticks * inner, dt)
     unknown = UnknownForce(scenario.plant, scenario.parts.disturbance, faults)
@@ -198,8 +208,8 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
         sensors=AgentsSensors(
             deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (scenario.plant.agents, 4)), np.array([2, 2]), faults
         ),
-        estimators=consensus_estimators(scenario, name, trials, user_code),
-        feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt),
+        estimators=estimators,
+        feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt, estimators, settings.feedback),
         network=Network(graph, faults, losses, skip=False),
         law=ConsensusLaw(scenario.control.build(), scenario, dt, PlanarUserLaw(user_law) if user_law else None),
         effectors=ConsensusEffectors(unknown, faults, len(trials)),

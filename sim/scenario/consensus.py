@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.terminal_sliding_mode import TerminalSlidingMode
@@ -88,10 +88,13 @@ class ConsensusScenario(Section):
         return renamed(value, cls.family)
 
     @model_validator(mode="after")
-    def _fits_together(self) -> ConsensusScenario:
+    def _fits_together(self, info: ValidationInfo) -> ConsensusScenario:
         self.communication()
         duration = self.run.ticks * self.run.tick_s
+        known = ["truth", *(info.context or {}).get("guests", ())]
         for name, loop in self.loops.items():
+            if loop.feedback is not None and loop.feedback not in known:
+                raise ValueError(f"loops.{name}.feedback: there is no filter {loop.feedback!r}; there are {', '.join(known)}")
             tick = loop.tick_s if isinstance(loop, Adaptive) else self.run.tick_s
             _whole(self.run.tick_s / tick, f"loops.{name}.tick_s: run.tick_s = {self.run.tick_s:g} s", tick)
         _whole(self.run.tick_s / self.plant.step_s, f"plant.step_s: run.tick_s = {self.run.tick_s:g} s", self.plant.step_s)
