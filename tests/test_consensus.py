@@ -131,9 +131,8 @@ def test_a_users_filter_closes_the_loop_that_names_it(tmp_path):
     late = {}
     for name in loops:
         recording = run(build(described, np.arange(1), mine, loop=name))
-        late[name] = np.mean(
-            recording.channels["truth/state"][-300:, 0, :, :2] - recording.channels["reference/leader"][-300:, None], axis=0
-        )
+        place, leader = recording.channels["truth/state"][-300:, 0, :, :2], recording.channels["reference/leader"][-300:, None]
+        late[name] = np.mean(place - leader, axis=0)
         believed = "shifted/mean" if name == "exact" else "truth/state" if name == "seen" else "usual/mean"
         np.testing.assert_array_equal(recording.channels["estimate"], recording.channels[believed])
     np.testing.assert_allclose(late["exact"] - late["usual"], [[-0.1, 0.0]] * 6, atol=0.02)
