@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from control.adaptive_network_law import AdaptiveNetworkLaw
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.dynamics.process import runge_kutta
 

@@ -12,7 +12,7 @@ from estimation.fading import StrongTracking
 from estimation.proposals import ConstantNoise
 from estimation.state_space import Euclidean
 from estimation.unscented import UnscentedFilter
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.measurement import PartOfState
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.plants.agents import AgentsParameters, compile_agents

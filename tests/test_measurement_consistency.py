@@ -18,7 +18,7 @@ from estimation.state_space import Multiplicative
 from estimation.unscented import UnscentedFilter
 from models.attitude import quaternion
 from models.attitude.quaternion import IDENTITY
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.direction_measurement import DirectionMeasurement
 from models.dynamics.learned_torque import BodyWithLearnedTorque, TorqueBasis
 from models.dynamics.measurement import MeasurementModel, PartOfState, WholeState

@@ -11,7 +11,7 @@ from estimation.proposals import ConstantNoise
 from estimation.rao_blackwellised import BlockDraws, Joint, RaoBlackwellisedFilter
 from estimation.sigma_points import SigmaPoints
 from estimation.state_space import Euclidean
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 
 # an angle that is read, and the bias of the gyro that is integrated to it; the gyro's reading is the command ------------------------

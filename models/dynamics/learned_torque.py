@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude.quaternion import cross_matrix
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.process import runge_kutta_along
 from models.dynamics.rigid_body import RigidBody
 from models.dynamics.state_layout import ATTITUDE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.process import Linearization, ProcessModel, runge_kutta_along
 from models.dynamics.state_layout import PLANE, VELOCITY
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ class RigidBody:
     torque_map: Array
     momentum_map: Array
     constant_torque_B: Array = field(default_factory=_no_torque)
+
+    turns: ClassVar[bool] = True
 
     @property
     def size(self) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from models.attitude import quaternion
 from models.dynamics.process import Linearization
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
+from models.dynamics.wheel_drag import WheelDrag
 from models.dynamics.wheel_faults import WheelFault
 
 Array = NDArray[np.floating]
@@ -33,7 +35,8 @@ class WheeledBody:
       wheel_inertia: J_w about the spin axis, kg m2.
       coupled: keep the rate coupling that eq. 10 neglects; exact for balanced wheels.
       gyroscopic_sign: -1 by physics, +1 as eq. 24 is printed.
-      wheel_coulomb: dry friction of a wheel's bearing, N m, smoothed over `DRAG_SMOOTHING`; the paper has none.
+      wheel_coulomb: dry friction of a wheel's bearing, N m; the paper has none. Over a step it is solved in closed form (`WheelDrag`), so
+        that a wheel stops and sticks; in `derivative` it is smoothed over `DRAG_SMOOTHING`.
       wheel_viscous: viscous friction of a wheel's bearing, N m s/rad; the paper has none.
       fault: what the motors make of their commands (Hill et al. 2021, eq. 12); None: as they are told.
     """
@@ -46,6 +49,8 @@ class WheeledBody:
     wheel_coulomb: float = 0.0
     wheel_viscous: float = 0.0
     fault: WheelFault | None = None
+
+    turns: ClassVar[bool] = True
 
     @property
     def size(self) -> int:
@@ -66,6 +71,27 @@ class WheeledBody:
         if self.coupled:
             wheel = wheel - self.wheel_axes.T @ body
         return np.concatenate([np.zeros((4, wheel.shape[1])), body, wheel])
+
+    @cached_property
+    def smooth(self) -> WheeledBody:
+        """The body without friction, which is stiff."""
+        return replace(self, wheel_coulomb=0.0, wheel_viscous=0.0) if self.wheel_coulomb or self.wheel_viscous else self
+
+    @cached_property
+    def _drag(self) -> WheelDrag:
+        return WheelDrag(self.wheel_coulomb, self.wheel_viscous, np.diagonal(self._input[WHEELS]))
+
+    def held(self, state: Array, slope: Array, dt: float) -> Array:
+        """Mean of friction's part of dx/dt over `dt` seconds, (..., n), if all else begins with `slope` (..., n)."""
+        drag = self._drag.over(state[..., WHEELS], slope[..., WHEELS], dt)
+        return -(self._input @ drag.torque[..., None])[..., 0]
+
+    def held_sensitivity(self, state: Array, here: Linearization, dt: float) -> Linearization:
+        """The same, and its Jacobian (..., n, n)."""
+        drag = self._drag.over(state[..., WHEELS], here.derivative[..., WHEELS], dt)
+        by_state = drag.by_acceleration[..., None] * here.jacobian[..., WHEELS, :]
+        by_state[..., WHEELS] += drag.by_speed[..., None] * np.eye(drag.by_speed.shape[-1])
+        return Linearization(-(self._input @ drag.torque[..., None])[..., 0], -self._input @ by_state)
 
     def drift(self, state: Array) -> Array:
         """dx/dt without command, written as in the textbook; (..., n) to (..., n)."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
 from models.dynamics.planar_body import PlanarBody
 from models.dynamics.state_layout import StateLayout

@@ -9,7 +9,7 @@ import numpy as np
 
 from control.terminal_sliding_mode import Sliding, TerminalSlidingMode, lumped
 from estimation.state_space import Euclidean
-from models.dynamics.chebyshev_network import ChebyshevNetwork
+from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
 from models.plants.agents import AgentsParameters, compile_agents
 from sim.estimators.consensus import AppliedControl, Learned, learner
