@@ -45,7 +45,7 @@ CHAIN = np.array([[0.98, 0.02], [0.02, 0.98]])
 def told(process: ProcessModel) -> dict[str, Any]:
     """What a filter of eleven or seven states is told, with the noise of the paper."""
     counts = [4, 3, 4] if isinstance(process, WheeledBody) else [4, 3]
-    q, r, _ = (np.repeat(values[: len(counts)], counts) for values in TUNINGS["paper"].scaled(SensorSettings()))
+    q, r, _ = (np.repeat(values[: len(counts)], counts) for values in TUNINGS["paper"].scaled(SensorSettings(), TICK_S))
     prior = np.concatenate([IDENTITY, np.zeros(sum(counts) - 4)])
     return {
         "process": process,

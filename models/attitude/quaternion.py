@@ -43,11 +43,6 @@ def multiply(left: Array, right: Array) -> Array:
     return np.einsum("ijk,...j,...k->...i", _PRODUCT, left, right)
 
 
-def product_matrix(left: Array) -> Array:
-    """Matrix that multiplies by `left` from the left; (..., 4) to (..., 4, 4)."""
-    return np.einsum("ijk,...j->...ik", _PRODUCT, left)
-
-
 def inverse(quaternion: Array) -> Array:
     """Inverse of unit quaternions: the conjugate; (..., 4)."""
     return quaternion * _CONJUGATE

@@ -46,15 +46,16 @@ class WheelDrag:
         """
         dry, decay = self.coulomb * self.response, self.viscous * self.response
         lasting = dt * np.where(decay > 0.0, -np.expm1(-decay * dt) / np.maximum(decay * dt, 1e-300), 1.0)
-        sense = np.where(speed != 0.0, np.sign(speed), np.sign(acceleration))
+        sense = np.where(speed == 0.0, np.sign(acceleration), np.sign(speed))
         first = acceleration - decay * speed - dry * sense
-        stops = (sense * first < 0.0) & (np.abs(speed) <= -sense * first * lasting)
-        slope = np.where(stops, first, 1.0)
-        spent = -speed / slope
-        beyond = np.sign(acceleration) * np.maximum(np.abs(acceleration) - dry, 0.0)
-        end = np.where(stops, beyond * (lasting - spent), speed + first * lasting)
-        sooner = speed / slope**2  # of the time until rest, by acceleration
-        end_by_speed = np.where(stops, beyond * (1.0 / slope + decay * sooner), 1.0 - decay * lasting)
-        end_by_acceleration = np.where(stops, (beyond != 0.0) * (lasting - spent) - beyond * sooner, lasting)
+        end, by_speed, by_acceleration = speed + first * lasting, 1.0 - decay * lasting, lasting
+        stops = end * sense <= 0.0
+        if stops.any():
+            slope = np.where(stops & (first != 0.0), first, 1.0)
+            spent = -speed / slope
+            beyond = np.sign(acceleration) * np.maximum(np.abs(acceleration) - dry, 0.0)
+            end = np.where(stops, beyond * (lasting - spent), end)
+            by_speed = np.where(stops, beyond * (1.0 - decay * spent) / slope, by_speed)
+            by_acceleration = np.where(stops, (beyond != 0.0) * (lasting - spent) + beyond * spent / slope, by_acceleration)
         share = 1.0 / (self.response * dt)
-        return MeanDrag(share * (speed + acceleration * dt - end), share * (1.0 - end_by_speed), share * (dt - end_by_acceleration))
+        return MeanDrag(share * (speed + acceleration * dt - end), share * (1.0 - by_speed), share * (dt - by_acceleration))

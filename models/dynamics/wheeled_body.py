@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.attitude import quaternion
-from models.dynamics.process import Linearization
+from models.dynamics.process import Held, Linearization
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.wheel_drag import WheelDrag
 from models.dynamics.wheel_faults import WheelFault
 
 Array = NDArray[np.floating]
 
+MOVING = slice(RATE.start, None)  # rates and wheel speeds
 DRAG_SMOOTHING = 1.0  # rad/s over which the model's dry friction changes sign, so that it can be differentiated
 
 
@@ -81,17 +82,18 @@ class WheeledBody:
     def _drag(self) -> WheelDrag:
         return WheelDrag(self.wheel_coulomb, self.wheel_viscous, np.diagonal(self._input[WHEELS]))
 
-    def held(self, state: Array, slope: Array, dt: float) -> Array:
-        """Mean of friction's part of dx/dt over `dt` seconds, (..., n), if all else begins with `slope` (..., n)."""
-        drag = self._drag.over(state[..., WHEELS], slope[..., WHEELS], dt)
-        return -(self._input @ drag.torque[..., None])[..., 0]
+    def held(self, state: Array, slope: Array, dt: float, jacobian: Array | None = None) -> Held:
+        """Friction over `dt` seconds, as the mean of its part of dx/dt (..., n), if all else begins with `slope` (..., n).
 
-    def held_sensitivity(self, state: Array, here: Linearization, dt: float) -> Linearization:
-        """The same, and its Jacobian (..., n, n)."""
-        drag = self._drag.over(state[..., WHEELS], here.derivative[..., WHEELS], dt)
-        by_state = drag.by_acceleration[..., None] * here.jacobian[..., WHEELS, :]
-        by_state[..., WHEELS] += drag.by_speed[..., None] * np.eye(drag.by_speed.shape[-1])
-        return Linearization(-(self._input @ drag.torque[..., None])[..., 0], -self._input @ by_state)
+        Where the `jacobian` of that slope is given, (..., n, n), also how the mean changes with rates and wheel speeds.
+        """
+        drag = self._drag.over(state[..., WHEELS], slope[..., WHEELS], dt)
+        mean = -(self._input @ drag.torque[..., None])[..., 0]
+        if jacobian is None:
+            return Held(mean, np.empty((self.size, 0)), MOVING)
+        by_state = drag.by_acceleration[..., None] * jacobian[..., WHEELS, MOVING]
+        by_state[..., 3:] += drag.by_speed[..., None] * np.eye(drag.by_speed.shape[-1])
+        return Held(mean, -self._input @ by_state, MOVING)
 
     def drift(self, state: Array) -> Array:
         """dx/dt without command, written as in the textbook; (..., n) to (..., n)."""

@@ -137,13 +137,14 @@ def build_filter_banks(
     models: Models,
     sensors: SensorSettings,
     wheels: int,
+    tick_s: float,
     seed: int = 0,
     trials: Trials | None = None,
 ) -> tuple[FilterBank, ...]:
     """All observers of a scenario, those of one kind together; random numbers of particle filters are those of the given trials."""
     groups: list[list[tuple[str, Single]]] = []
     for name, settings in observers.items():
-        single = settings.build(Place(models, sensors, wheels))
+        single = settings.build(Place(models, sensors, wheels, tick_s))
         if isinstance(single, ParticleFilter):
             if trials is None:
                 raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")

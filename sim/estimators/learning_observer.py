@@ -60,13 +60,13 @@ class LearningObserver:
         return belief._replace(mean=belief.mean[..., MOTION], covariance=own, memory=LearningMemory(belief, learned))
 
 
-def learning_observer(settings: Any, parameters: BodyParameters, sensors: SensorSettings) -> LearningObserver:
+def learning_observer(settings: Any, parameters: BodyParameters, sensors: SensorSettings, tick_s: float) -> LearningObserver:
     """The observer that the settings stand for."""
     learnable = kind_of(parameters).learnable
     if learnable is None:
         raise ValueError(f"there is nothing to be learned of a plant of type {parameters.type!r}")
     model = BodyWithLearnedTorque(learnable.body(parameters), settings.basis(parameters.wheel_axes.shape[1]))
-    q, r, _ = settings.numbers.scaled(sensors)
+    q, r, _ = settings.numbers.scaled(sensors, tick_s)
     unit = np.array([4.0, 1.0, 1.0])  # a rotation vector is twice the quaternion's vector part
     state_noise, reading_noise = (np.diag(np.repeat((unit * each)[:2], 3)) for each in (q, r))
     joint = JointUnscentedFilter(

@@ -64,7 +64,7 @@ class Learning(ObserverBase):
 
     def build(self, place: Place) -> Any:
         """The joint filter; of a plant with something to be learned."""
-        return learning_observer(self, place.models.parameters, place.sensors)
+        return learning_observer(self, place.models.parameters, place.sensors, place.tick_s)
 
 
 def compensates(law: Any) -> bool:

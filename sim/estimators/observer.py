@@ -23,6 +23,7 @@ class Place(NamedTuple):
     models: Models
     sensors: SensorSettings
     wheels: int
+    tick_s: float
 
 
 class ObserverBase(Section, ABC):
@@ -66,9 +67,9 @@ class ObserverBase(Section, ABC):
                 f"{where}.tuning.measurement_noise: {min(noise):g} makes the innovation covariance singular; needs {LEAST_VARIANCE:g}"
             )
 
-    def warnings(self, where: str, wheel_axes: Array) -> list[str]:  # noqa: ARG002
+    def warnings(self, where: str, wheel_axes: Array, tick_s: float) -> list[str]:  # noqa: ARG002
         """What may be meant but deserves a word, a line each."""
-        return []
+        return self.numbers.warnings(f"{where}.tuning", tick_s)
 
     @abstractmethod
     def build(self, place: Place) -> Any:

@@ -69,7 +69,7 @@ class ExtendedSettings(ObserverBase):
     def parts(self, place: Place, fault: WheelFault | None) -> Parts:
         """What the filter is made of, believing in a fault of the wheels or none."""
         models, tuning = place.models, self.numbers
-        q, r, layer = tuning.scaled(place.sensors)
+        q, r, layer = tuning.scaled(place.sensors, place.tick_s)
         counts = [3 if self.by_rotation else 4, 3, place.wheels if models.speeds_are_states else 0]
         unit = np.array([4.0, 1.0, 1.0]) if self.by_rotation else np.ones(3)  # a rotation vector is twice the quaternion's vector part
         space: StateSpace = Multiplicative() if self.by_rotation else Signed() if self.by_vector else Additive()
@@ -311,9 +311,9 @@ class Imm(ObserverBase):
             raise ValueError(f"{where}.withdraw_below = {self.withdraw_below:g} must not exceed declare_above = {self.declare_above:g}")
         self.filter.check(f"{where}.filter", wheels)
 
-    def warnings(self, where: str, wheel_axes: Array) -> list[str]:
-        """A line for each mode in which the wheels cannot turn the body about some axis."""
-        lines = []
+    def warnings(self, where: str, wheel_axes: Array, tick_s: float) -> list[str]:
+        """A line for each mode in which the wheels cannot turn the body about some axis, and what every observer says."""
+        lines = super().warnings(where, wheel_axes, tick_s)
         for number, fault in enumerate(self.faults(wheel_axes.shape[1])):
             axis = lost_axis(wheel_axes, fault)
             if axis is not None:

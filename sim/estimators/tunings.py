@@ -42,14 +42,34 @@ class Tuning(Section):
     """Noise that a filter expects, each as [quaternion component, body rate (rad/s), wheel speed]."""
 
     process_noise: Triple = Field(description="variances added in a tick, Q")
+    tick_s: Positive | None = Field(None, description="tick that `process_noise` is meant for; none: any")
+    by_torques: bool = Field(False, description="at another tick Q is what the torques behind it do then; otherwise it is added as it is")
+    torque_correlation_s: NonNegative = Field(0.006, description="time below which these torques no longer count as white")
     measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
     boundary_layer: Triple = Field((4e-4, 8e-3, 2.0), description="delta of the sliding innovation gain")
     matched: MatchedSettings | None = Field(None, description="of the filters aukf and pf in place of `process_noise`")
     wheel_unit_rad_s: Positive = Field(1.0, description="wheel speed in which the wheels' entries are counted")
     wheel_drag: bool = Field(False, description="the model knows the wheels' friction, as a spin-down test would identify it")
 
-    def scaled(self, sensors: SensorSettings) -> tuple[Array, Array, Array]:
-        """Q, R (variances) and delta in rad/s: (3,) each."""
+    def over(self, dt: float) -> Array:
+        """How much more Q is at a tick of `dt` seconds than at its own, [attitude, rate, wheel speed].
+
+        A white torque adds variance to the rate, and by it to the attitude, in proportion to the time; one that is correlated over tau
+        with the square of short times, dt^2 / (dt + tau); a drive's error, which is held over a tick, to the wheel's speed always so.
+        """
+        if self.tick_s is None or not self.by_torques:
+            return np.ones(3)
+        longer, tau = dt / self.tick_s, self.torque_correlation_s
+        return np.array([longer, longer**2 * (self.tick_s + tau) / (dt + tau), longer**2])
+
+    def warnings(self, where: str, dt: float) -> list[str]:
+        """A line if Q is added as it is at a tick that it is not meant for."""
+        if self.tick_s is None or self.by_torques or abs(dt / self.tick_s - 1.0) < 1e-3:
+            return []
+        return [f"{where}: its noises are those of a tick of {self.tick_s:g} s and are added at every tick of {dt:g} s as they are"]
+
+    def scaled(self, sensors: SensorSettings, dt: float) -> tuple[Array, Array, Array]:
+        """Q of a tick of `dt` seconds, R (variances) and delta in rad/s: (3,) each."""
         scale = self.wheel_unit_rad_s
         variance, deviation = np.array([1.0, 1.0, scale**2]), np.array([1.0, 1.0, scale])
         if self.measurement_noise == "sensors":
@@ -57,7 +77,7 @@ class Tuning(Section):
             measurement = np.maximum([rotation / 4.0, rate, wheel], LEAST_VARIANCE)  # half a small rotation is a quaternion component
         else:
             measurement = np.array(self.measurement_noise) * variance
-        return np.array(self.process_noise) * variance, measurement, np.array(self.boundary_layer) * deviation
+        return np.array(self.process_noise) * variance * self.over(dt), measurement, np.array(self.boundary_layer) * deviation
 
 
 # 1 V of the drives' monitor output if 4 V are 2000 rpm (the scale can be configured and is not printed): the reading with which the
@@ -75,11 +95,17 @@ TUNINGS: dict[str, Tuning] = {
         measurement_noise=(3e-6, 3e-6, 2.42e-3),
         boundary_layer=(4e-4, 8e-3, 0.02),
         wheel_unit_rad_s=MONITOR_VOLT_RAD_S,
+        tick_s=0.1,
     ),
     "consistent": Tuning(
-        process_noise=(1e-10, 4e-7, 1.3e-2), measurement_noise="sensors", boundary_layer=(4e-4, 8e-3, 2.0), wheel_drag=True
+        process_noise=(1e-10, 4e-7, 1.3e-2),
+        measurement_noise="sensors",
+        boundary_layer=(4e-4, 8e-3, 2.0),
+        wheel_drag=True,
+        tick_s=0.1,
+        by_torques=True,
     ),
-    "as-printed": Tuning(process_noise=(1e-6, 1e-6, 1e-6), measurement_noise=(1e-8, 1e-8, 1e-8)),
+    "as-printed": Tuning(process_noise=(1e-6, 1e-6, 1e-6), measurement_noise=(1e-8, 1e-8, 1e-8), tick_s=0.01),
     "matched": Tuning(process_noise=(1e-8, 4e-6, 1.3e-2), measurement_noise="sensors", matched=MatchedSettings()),
-    "wmap": Tuning(process_noise=(1e-7, 1e-7, 1e-7), measurement_noise=(5e-7, 5e-7, 5e-7), boundary_layer=(4e-4, 8e-3, 2.0)),
+    "wmap": Tuning(process_noise=(1e-7, 1e-7, 1e-7), measurement_noise=(5e-7, 5e-7, 5e-7), boundary_layer=(4e-4, 8e-3, 2.0), tick_s=0.1),
 }

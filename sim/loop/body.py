@@ -90,7 +90,7 @@ def build_body(
 def body_estimators(scenario: Scenario, trials: NDArray[np.int64], user_code: UserCode) -> tuple[Estimator, ...]:
     """The observers of the one loop of a scenario, and the user's filters."""
     models, wheels = Models.of(scenario.plant), scenario.plant.wheel_axes.shape[1]
-    banks = build_filter_banks(scenario.observers, models, scenario.sensors, wheels, scenario.run.seed, trials)
+    banks = build_filter_banks(scenario.observers, models, scenario.sensors, wheels, scenario.run.tick_s, scenario.run.seed, trials)
     return (*banks, *user_code.filters(surroundings(scenario)))
 
 

@@ -132,7 +132,7 @@ class Scenario(Section):
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
         return kind_of(self.plant).warnings(self.plant) + [
-            line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
+            line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes, self.run.tick_s)
         ]
 
     @property
