@@ -125,6 +125,16 @@ def draw(campaign: Campaign, base: AnyScenario, trials: NDArray[np.int64]) -> Dr
     return Drawn(Variants(plants, sensors, faults, starts), np.array(values).reshape(len(trials), -1), np.array(redrawn))
 
 
+def check_draws(campaign: Campaign, base: AnyScenario) -> None:
+    """Draw before anything is flown what would end the campaign: all trials if none may be impossible, else those of the first shard.
+
+    Raises:
+      BadInput: a draw that may not be is impossible, or a hundred draws in a row are.
+    """
+    among = campaign.trials if campaign.non_physical == "refuse" else min(campaign.shard, campaign.trials)
+    draw(campaign, base, np.arange(among))
+
+
 def picked(campaign: Campaign, trial: int) -> dict[str, float]:
     """What a trial draws at first, by scenario key."""
     return _at(campaign, _shares(campaign, np.array([trial]))[0])
