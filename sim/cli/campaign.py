@@ -155,7 +155,7 @@ def _fly(todo: list[Job], store: Store, running: Engine, mixed: bool) -> Ended:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn())
     left = sum(size.values())
     try:
-        with Progress(*columns, console=err, transient=True, speed_estimate_period=120) as bar:
+        with Progress(*columns, console=err, transient=True, speed_estimate_period=120, disable=not err.is_terminal) as bar:
             task = bar.add_task("trials", total=left)
             for done in running.map(fly, todo):
                 store.keep(done, mixed)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,7 +98,8 @@ def run(
         err.print(f"warning: {warning}", style="yellow", markup=False)
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
-    blocks, stopped, unfinished = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
+    watched = stream.on_tick if stream else None
+    blocks, stopped, unfinished = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, watched)
     if stream:
         stream.close()
     finished, metrics, recordings = join(blocks)
@@ -117,7 +117,7 @@ def run(
         if recordings:
             flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
             for output in written:
-                files.write(output.file, partial(output.write, flown=flown))
+                files.write(output.file, lambda path, output=output: output.write(path, flown))  # type: ignore[misc]
         if overwrite:
             files.remove_others(output.file for output in OUTPUTS.values())
     if statistics := rows(ended.metrics):
@@ -160,7 +160,7 @@ def _simulate(
         TimeRemainingColumn(),
     )
     try:
-        with Progress(*columns, console=err, transient=True) as bar:
+        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
             seconds = loaded.run.tick_s
             task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
             for block in simulate_all(
