@@ -84,7 +84,8 @@ def one_process() -> ProcessPoolExecutor:
 
     Spawned, not forked: a fork would inherit MuJoCo's threads.
     """
-    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent)
+    with deaf_children():  # the first pool starts the process that minds its semaphores
+        return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_die_with_parent)
 
 
 @contextmanager
