@@ -31,7 +31,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as refused:
-        reason = " ".join(str(refused.strerror or refused).split())
+        reason = os.strerror(refused.errno) if refused.errno else " ".join(str(refused).split())
         raise NotWritten(f"{path} cannot be written: {reason}") from None
     finally:
         with suppress(OSError):

@@ -67,14 +67,14 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Tables]]
 
 
 @pytest.fixture
-def kept(flown: tuple[Path, list[Tables]], tmp_path: Path) -> Iterator[tuple[Store, list[Job], list[Tables]]]:
+def kept(flown: tuple[Path, list[Tables]], tmp_path: Path) -> tuple[Store, list[Job], list[Tables]]:
     """Both shards on disk."""
     path, tables = flown
     store, jobs = store_of(path, tmp_path / "out")
     store.begin({tables[0].processor}, mixed=False)
     for one in tables:
         store.keep(one, mixed=False)
-    yield store, jobs, tables
+    return store, jobs, tables
 
 
 # shards -----------------------------------------------------------------------------------------------------------------------
@@ -84,13 +84,13 @@ def test_what_was_kept_is_read_as_it_was(kept) -> None:
     store, jobs, tables = kept
     assert store.missing(jobs) == ([], 0)
     for job, one in zip(jobs, tables, strict=True):
-        found = {suffix: store.shards.table(job, suffix) for suffix in (METRICS, BANDS, CONSISTENCY)}
-        assert [found[METRICS].equals(one.metrics), found[BANDS].equals(one.bands), found[CONSISTENCY].equals(one.consistency)] == [True] * 3
+        for suffix, table in ((METRICS, one.metrics), (BANDS, one.bands), (CONSISTENCY, one.consistency)):
+            assert store.shards.table(job, suffix).equals(table)
 
 
 @pytest.mark.parametrize("suffix", [METRICS, BANDS, CONSISTENCY, SEAL])
 def test_no_flipped_bit_of_a_shard_is_taken_for_a_number(kept, suffix: str) -> None:
-    store, jobs, tables = kept
+    store, jobs, _ = kept
     path = store.shards.path(0, 0, suffix)
     content = path.read_bytes()
     for bit in np.random.default_rng(1).integers(0, 8 * len(content), 40):
@@ -166,7 +166,7 @@ def test_a_shard_that_changes_before_it_is_merged_stops_the_merge(kept) -> None:
     store, jobs, _ = kept
     path = store.shards.path(0, 3)
     path.write_bytes(path.read_bytes()[:-9] + b"x" + path.read_bytes()[-8:])
-    with pytest.raises(DamagedShard, match="trial-00000003.parquet: is not what was written"):
+    with pytest.raises(DamagedShard, match=r"trial-00000003\.parquet: is not what was written"):
         store.merge(jobs)
     assert sorted(p.name for p in store.folder.iterdir()) == ["manifest.json", "shards"]
 
@@ -193,10 +193,11 @@ def test_a_manifest_of_any_shape_is_one_line(nacs, tmp_path: Path, content: str)
 
 
 def test_resume_goes_by_content_not_by_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = Path(campaign_shard.files.__file__).parent / "scenarios" / "nacs" / "fault-free.toml"
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.toml").write_text(TEXT)
-        shutil.copy(Path(campaign_shard.files.__file__).parent / "scenarios" / "nacs" / "fault-free.toml", tmp_path / name / "mine-too.toml")
+        shutil.copy(scenario, tmp_path / name / "mine-too.toml")
     monkeypatch.chdir(tmp_path / "a")
     store_of(Path("mine.toml"), Path("out"))[0].begin({HERE}, mixed=False)
     monkeypatch.chdir(tmp_path)
@@ -298,10 +299,10 @@ def test_a_job_that_kills_its_worker_is_given_up_after_three_times(tmp_path: Pat
     monkeypatch.syspath_prepend(MADE_UP)
     from mortal import dies_always  # noqa: PLC0415
 
-    found = []
+    found = list[int]()
+    jobs = [(str(tmp_path), number) for number in range(4)]
     with pytest.raises(WorkersLost, match="1 block of trials could not be flown: the worker process was lost 3 times"):
-        for result in in_processes(dies_always, [(str(tmp_path), number) for number in range(4)], 2):
-            found.append(result)
+        found.extend(in_processes(dies_always, jobs, 2))
     assert sorted(found) == [0, 4, 6]
     assert [len(list(tmp_path.glob(f"{number}-*"))) for number in range(4)] == [1, 3, 1, 1]
 

@@ -45,7 +45,7 @@ class ResultFiles:
         """What could not be written, in words; None: all was."""
         if not self._refused:
             return None
-        kept = f"; {', '.join(sorted(self._written))} there are written whole" if self._written else ""
+        kept = f"; written whole: {', '.join(sorted(self._written))}" if self._written else ""
         others = f", nor {len(self._refused) - 1} more" if len(self._refused) > 1 else ""
         return f"{self._refused[0]}{others}{kept}"
 

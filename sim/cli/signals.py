@@ -15,8 +15,8 @@ ASKING = ("SIGINT", "SIGTERM", "SIGHUP")  # the last is not known everywhere
 def interruptible() -> Iterator[None]:
     """Let a signal raise KeyboardInterrupt once, so that what is finished can be kept and the way on told without a further one's leave.
 
-    The second is heard and not heeded; from the third on each interrupts again, for whoever cannot wait. When the block is over, a command
-    that was asked to end is ending: nothing disturbs it any more. What its caller has chosen to ignore, as `nohup` does SIGHUP, stays ignored.
+    The second is heard and not heeded; from the third on each interrupts again, for whoever cannot wait. After the block a command that was
+    asked to end is ending, and nothing disturbs it any more. What its caller has chosen to ignore, as `nohup` does SIGHUP, stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
