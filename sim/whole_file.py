@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from secrets import token_hex
+
+_TEMPORARY = re.compile(r"\..*-(\d+)-[0-9a-f]{8}\.part(\..*)?")  # as `whole_file` names them, with the number of the process
 
 
 class NotWritten(OSError):
@@ -42,3 +45,21 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write bytes wholly or not at all; raises NotWritten."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what processes left that were killed while they wrote a file of a folder; those that still run keep theirs."""
+    for path in folder.glob(".*.part*"):
+        found = _TEMPORARY.fullmatch(path.name)
+        if found and not _runs(int(found[1])):
+            path.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is another user's
+        return True
+    return True

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +17,7 @@ from test_lost_trials import AT, VICTIM, break_a_filter
 
 import sim.replay.replay
 from sim.cli.signals import interruptible
-from sim.whole_file import NotWritten, whole_file, write_whole
+from sim.whole_file import NotWritten, remove_abandoned, whole_file, write_whole
 
 RUN = ("run", "nacs/fault-free", "--trials", 2, "--set", "run.ticks=20", "--out", "it")
 LEAN = ("--without", "report", "--without", "recording")
@@ -51,6 +53,18 @@ def test_what_breaks_off_leaves_what_was_there(tmp_path: Path, broken: BaseExcep
     with pytest.raises(NotWritten if isinstance(broken, OSError) else type(broken)):
         write()
     assert contents(tmp_path) == {"a.txt": b"old"}
+
+
+def test_what_a_killed_process_left_is_removed_and_what_a_live_one_writes_is_not(tmp_path: Path) -> None:
+    script = "import os, sys, pathlib, signal\nfrom sim.whole_file import whole_file\n"
+    script += "with whole_file(pathlib.Path(sys.argv[1])) as path: path.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
+    subprocess.run([sys.executable, "-c", script, str(tmp_path / "a.txt")], check=False)
+    assert len(contents(tmp_path)) == 1
+    with whole_file(tmp_path / "b.txt") as mine:
+        mine.write_text("mine")
+        remove_abandoned(tmp_path)
+        assert set(contents(tmp_path)) == {mine.name}
+    assert contents(tmp_path) == {"b.txt": b"mine"}
 
 
 def test_why_a_file_is_not_written_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

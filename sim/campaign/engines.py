@@ -99,9 +99,9 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[Dask]:
         from dask.distributed import Client, LocalCluster  # noqa: PLC0415
     except ImportError:
         raise BadInput("--engine dask needs dask.distributed: pip install 'nacs-twin[cluster]'") from None
-    for name in ("distributed", "tornado", "asyncio"):  # what is lost is told in one line, not by each part of the cluster that misses it
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
+        stack.callback(logging.disable, logging.root.manager.disable)
+        logging.disable(logging.CRITICAL)  # what is lost is told in one line, not by each part of the cluster that misses it
         stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": AGAIN}))
         address: Any = scheduler
         try:

@@ -21,7 +21,7 @@ from sim.campaign.settings import Campaign
 from sim.campaign.shard import METRIC_SCHEMA, Job, Tables
 from sim.campaign.shard_files import METRICS, ShardFiles
 from sim.metrics.results import versions
-from sim.whole_file import whole_file, write_whole
+from sim.whole_file import remove_abandoned, whole_file, write_whole
 
 SHARDS_AT_ONCE = 32
 TRIALS_A_GROUP = 256  # of the merged table; on trial numbers, so that it is the same for any shard size
@@ -54,7 +54,7 @@ class Store:
         )
 
     def check(self) -> None:
-        """Check that the folder is of the same campaign and the same code, whatever it and its files are called; raises BadInput."""
+        """Check that the folder is of the same campaign and the same code, whatever its files are called; tidy it. Raises BadInput."""
         path = self.folder / "manifest.json"
         try:
             old = _manifest(json.loads(path.read_bytes()))
@@ -71,6 +71,8 @@ class Store:
                 f"--resume: the twin's code or its libraries changed since {self.folder} was begun; start anew with another --out"
             )
         self.processors = tuple(old["processors"])
+        for folder in (self.folder, self.shards.folder):
+            remove_abandoned(folder)
 
     def begin(self, processors: set[str], mixed: bool) -> None:
         """Write the manifest, once all else was checked.
