@@ -27,6 +27,7 @@ from sim.sensors.sensors import SensorSettings
 Array = NDArray[np.floating]
 
 REDRAWS = 100
+SEEN_BEFORE = {"redraw": 50, "refuse": 1000}  # trials whose draws are tried before anything is flown; a draw takes a few milliseconds
 ROOTS = ("plant", "start", "sensors", "faults")  # of a scenario of one body: what can differ within a batch
 
 _FAULTS: TypeAdapter[tuple[Fault, ...]] = TypeAdapter(tuple[Fault, ...])
@@ -126,13 +127,14 @@ def draw(campaign: Campaign, base: AnyScenario, trials: NDArray[np.int64]) -> Dr
 
 
 def check_draws(campaign: Campaign, base: AnyScenario) -> None:
-    """Draw before anything is flown what would end the campaign: all trials if none may be impossible, else those of the first shard.
+    """Draw some trials before anything is flown: more of them if none may be impossible.
+
+    What is rarer than can be seen here ends the campaign when its trial comes up; what was flown until then is kept.
 
     Raises:
       BadInput: a draw that may not be is impossible, or a hundred draws in a row are.
     """
-    among = campaign.trials if campaign.non_physical == "refuse" else min(campaign.shard, campaign.trials)
-    draw(campaign, base, np.arange(among))
+    draw(campaign, base, np.arange(min(campaign.trials, SEEN_BEFORE[campaign.non_physical])))
 
 
 def picked(campaign: Campaign, trial: int) -> dict[str, float]:
