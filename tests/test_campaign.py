@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
@@ -102,7 +103,7 @@ def test_a_corrupt_shard_is_done_again(nacs, file: Path, tmp_path: Path) -> None
     shard.write_bytes(shard.read_bytes()[:100])
     result = nacs("campaign", file, "--out", "it", "--workers", 1, "--resume")
     assert result.code == 0
-    assert "1 shards could not be read" in result.err
+    assert "1 shard is damaged and flown again" in result.err
     assert rows(tmp_path / "it").equals(before)
 
 
@@ -278,11 +279,40 @@ def test_a_full_disk_is_one_line_and_says_how_to_go_on(nacs, file: Path, monkeyp
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(campaign_store.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     result = nacs("campaign", file, "--out", "it", "--workers", 1)
-    assert (result.code, result.err.count("\n")) == (2, 1)
-    assert "No space left on device" in result.err
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "manifest.json cannot be written: No space left on device" in result.err
+
+
+def test_a_disk_that_is_full_later_keeps_what_is_finished_and_says_how_to_go_on(nacs, file: Path, tmp_path: Path, monkeypatch) -> None:
+    done, room = [], os.fsync
+    limit = 6  # the manifest, a shard of four files, and one more
+
+    def full(number: int) -> None:
+        done.append(number)
+        if len(done) > limit:
+            raise OSError(28, "No space left on device")
+        room(number)
+
+    monkeypatch.setattr(os, "fsync", full)
+    result = nacs("campaign", file, "--out", "it", "--workers", 1)
+    assert (result.code, result.err.count("\n")) == (3, 1), result.err
+    assert "No space left on device: 4 of 7 trials are left; go on with: nacs campaign" in result.err
+    kept = sorted(path.suffix for path in (tmp_path / "it" / "shards").iterdir())
+    assert kept == [".bands", ".bands", ".consistency", ".parquet", ".seal"]
+    limit = 1000
+    again: list[int] = []
+    monkeypatch.setattr("sim.cli.campaign.fly", lambda job: again.append(job.start) or fly(job))
+    blocked = tmp_path / "it" / "report.png"
+    blocked.mkdir()
+    result = nacs("campaign", file, "--out", "it", "--workers", 1, "--resume")
+    assert (result.code, result.err.count("\n")) == (3, 1), result.err
+    assert "report.png cannot be written: Is a directory" in result.err
     assert "--resume" in result.err
+    assert again == [3, 6]
+    assert len(rows(tmp_path / "it").filter(pc.field("metric") == "failed")) == 7
+    assert json.loads((tmp_path / "it" / "summary.json").read_text())["trials"] == 7
 
 
 # summary ----------------------------------------------------------------------------------------------------------------------
@@ -342,9 +372,9 @@ def test_workers_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, signal, sys\n"
-        "from sim.campaign.engines import processes\n"
+        "from sim.campaign.worker_processes import one_process\n"
         "if __name__ == '__main__':\n"
-        "    pool = processes(1)\n"
+        "    pool = one_process()\n"
         "    print(pool.submit(os.getpid).result(), flush=True)\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import as_completed
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.campaign.draws import draw
-from sim.campaign.engines import processes, stop
 from sim.campaign.settings import Campaign
+from sim.campaign.worker_processes import in_processes
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.lost_trials import LostTrial
@@ -119,7 +118,11 @@ def simulate_all(
     campaign: Campaign | None = None,
     on_tick: Callable[[str, int, Recorder], None] | None = None,
 ) -> Iterator[TrialBlock]:
-    """Blocks as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker."""
+    """Blocks as they finish; `progress` is told how many trial-ticks were done, `on_tick` sees the first block if there is one worker.
+
+    Raises:
+      WorkersLost: after all other blocks, if the process that flew one was lost time and again.
+    """
     loops = len(scenario.loop_names)
     if workers == 1:
         for number, block in enumerate(blocks):
@@ -131,12 +134,7 @@ def simulate_all(
 
             yield simulate(scenario, block, recorded, user_code, campaign, tick)
         return
-    pool = processes(min(workers, len(blocks)))
-    try:
-        waiting = [pool.submit(simulate, scenario, block, recorded, user_code, campaign) for block in blocks]
-        for done in as_completed(waiting):
-            finished = done.result()
-            progress((len(finished.trials) + len(finished.lost)) * scenario.run.ticks)
-            yield finished
-    finally:
-        stop(pool)
+    flown = in_processes(partial(simulate, scenario, recorded=recorded, user_code=user_code, campaign=campaign), blocks, workers)
+    for finished in flown:
+        progress((len(finished.trials) + len(finished.lost)) * scenario.run.ticks)
+        yield finished

@@ -27,6 +27,7 @@ from sim.sensors.sensors import SensorSettings
 Array = NDArray[np.floating]
 
 REDRAWS = 100
+SEEN_BEFORE = {"redraw": 50, "refuse": 1000}  # trials whose draws are tried before anything is flown; a draw takes a few milliseconds
 ROOTS = ("plant", "start", "sensors", "faults")  # of a scenario of one body: what can differ within a batch
 
 _FAULTS: TypeAdapter[tuple[Fault, ...]] = TypeAdapter(tuple[Fault, ...])
@@ -123,6 +124,17 @@ def draw(campaign: Campaign, base: AnyScenario, trials: NDArray[np.int64]) -> Dr
     if all(key.partition(".")[0] != "plant" for key in among):
         plants = (base.plant,) * len(trials)
     return Drawn(Variants(plants, sensors, faults, starts), np.array(values).reshape(len(trials), -1), np.array(redrawn))
+
+
+def check_draws(campaign: Campaign, base: AnyScenario) -> None:
+    """Draw some trials before anything is flown: more of them if none may be impossible.
+
+    What is rarer than can be seen here ends the campaign when its trial comes up; what was flown until then is kept.
+
+    Raises:
+      BadInput: a draw that may not be is impossible, or a hundred draws in a row are.
+    """
+    draw(campaign, base, np.arange(min(campaign.trials, SEEN_BEFORE[campaign.non_physical])))
 
 
 def picked(campaign: Campaign, trial: int) -> dict[str, float]:

@@ -20,6 +20,7 @@ from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
 from sim.metric import Metric
 from sim.metrics.one_body import evaluate
+from sim.processor import processor
 from sim.scenario import files
 from sim.scenario.files import AnyScenario
 
@@ -49,6 +50,7 @@ class Tables(NamedTuple):
     metrics: pa.Table  # point, trial, seed, subject, metric, phase, unit, value, reason
     bands: pa.Table  # quantity, observer, tick, bin, count
     consistency: pa.Table  # statistic, observer, tick, total, count
+    processor: str  # that computed it
 
 
 def fly(job: Job) -> Tables:
@@ -66,7 +68,8 @@ def fly(job: Job) -> Tables:
     found = evaluate(recording, system.plant.assembly) if len(alive) else []
     kept = [m for m in found if campaign.keeps(m.metric, m.phase)]
     metrics = _tidy(job.point, campaign, trials, drawn.values, drawn.redrawn, trials[alive], kept, failures)
-    return Tables(job.point, job.start, metrics, _bands(recording if len(alive) else None), _consistency(recording if len(alive) else None))
+    whole = recording if len(alive) else None
+    return Tables(job.point, job.start, metrics, _bands(whole), _consistency(whole), processor())
 
 
 def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trials: NDArray[np.int64]) -> Tables:
@@ -91,7 +94,7 @@ def _fly_as_scenarios(job: Job, campaign: Campaign, scenario: AnyScenario, trial
     metrics = [Metric(*key, np.array([of.get(int(trial), np.nan) for trial in alive])) for key, of in found.items()]
     drawn_values = np.array(values).reshape(len(trials), -1)
     rows = _tidy(job.point, campaign, trials, drawn_values, np.array(redrawn), alive, metrics, failures)
-    return Tables(job.point, job.start, rows, _bands(None), _consistency(None))
+    return Tables(job.point, job.start, rows, _bands(None), _consistency(None), processor())
 
 
 METRIC_SCHEMA = pa.schema(
@@ -188,3 +191,6 @@ def _consistency(recording: Recording | None) -> pa.Table:
 def _concatenate(parts: list[dict[str, object]], names: tuple[str, ...]) -> pa.Table:
     schema = pa.schema([(n, pa.string() if n in ("quantity", "observer", "statistic") else pa.int64()) for n in names])
     return pa.concat_tables([pa.table(part, schema=schema) for part in parts]) if parts else schema.empty_table()
+
+
+BANDS_SCHEMA, CONSISTENCY_SCHEMA = _bands(None).schema, _consistency(None).schema

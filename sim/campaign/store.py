@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,14 +19,16 @@ import sim
 from sim.bad_input import BadInput
 from sim.campaign.settings import Campaign
 from sim.campaign.shard import METRIC_SCHEMA, Job, Tables
+from sim.campaign.shard_files import METRICS, ShardFiles
 from sim.metrics.results import versions
+from sim.whole_file import remove_abandoned, whole_file, write_whole
 
 SHARDS_AT_ONCE = 32
 TRIALS_A_GROUP = 256  # of the merged table; on trial numbers, so that it is the same for any shard size
 
 
 def fingerprint() -> str:
-    """Hash of everything that decides numbers: the twin's own files, and the versions of what they call."""
+    """Hash of everything that decides numbers but the processor: the twin's own files, and the versions of what they call."""
     digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     for package in (models, sim, estimation, control):
         root = Path(next(iter(package.__path__)))
@@ -36,71 +38,97 @@ def fingerprint() -> str:
 
 
 class Store:
-    """Folder of one campaign: `manifest.json`, `shards/`, and the merged results."""
+    """Folder of one campaign: `manifest.json`, `shards/`, and the merged results.
+
+    Attributes:
+      processors: kinds of processors whose shards count; those of the folder as soon as `check` or `begin` was called.
+    """
 
     def __init__(self, folder: Path, campaign: Campaign, scenarios: list[str]) -> None:
         self.folder, self.campaign = folder, campaign
+        self.processors: tuple[str, ...] = ()
         self._manifest = {"campaign": json.loads(campaign.model_dump_json()), "scenarios": scenarios, "code": fingerprint()}
+        identity = self._manifest | {"campaign": _content(self._manifest["campaign"])}
+        self.shards = ShardFiles(
+            folder / "shards", hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest(), campaign.seed
+        )
 
-    def open(self, resume: bool) -> None:
-        """Begin a new folder, or check that an old one is of the same campaign and the same code; raises BadInput."""
+    def check(self) -> None:
+        """Check that the folder is of the same campaign and the same code, whatever its files are called; tidy it. Raises BadInput."""
         path = self.folder / "manifest.json"
-        if not resume:
-            _write(path, json.dumps(self._manifest, indent=1).encode())
-            return
         try:
-            old = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            old = _manifest(json.loads(path.read_bytes()))
+        except (OSError, ValueError, RecursionError):
             raise BadInput(f"--resume: {path} is no campaign's manifest; start anew with another --out") from None
-        if old["campaign"] != self._manifest["campaign"] or old["scenarios"] != self._manifest["scenarios"]:
-            now, then = self._manifest["campaign"], old["campaign"]
-            assert isinstance(now, dict)
-            keys = [key for key in now if now[key] != then.get(key)] or ["scenario file"]
+        now, then = _content(self._manifest["campaign"]), _content(old["campaign"])
+        keys = [key for key in {**now, **then} if now.get(key, ...) != then.get(key, ...)]
+        if old["scenarios"] != self._manifest["scenarios"]:
+            keys = keys or ["scenario file"]
+        if keys:
             raise BadInput(f"--resume: {', '.join(keys)} changed since {self.folder} was begun; start anew with another --out")
         if old["code"] != self._manifest["code"]:
             raise BadInput(
                 f"--resume: the twin's code or its libraries changed since {self.folder} was begun; start anew with another --out"
             )
+        self.processors = tuple(old["processors"])
+        for folder in (self.folder, self.shards.folder):
+            remove_abandoned(folder)
 
-    def path(self, point: int, start: int) -> Path:
-        """File of a shard."""
-        return self.folder / "shards" / f"point-{point:04d}-trial-{start:08d}.parquet"
+    def begin(self, processors: set[str], mixed: bool) -> None:
+        """Write the manifest, once all else was checked.
+
+        Args:
+          processors: kinds of those that will compute.
+          mixed: whether they may be several, or others than before.
+
+        Raises:
+          BadInput: they are and may not; nothing is written.
+          NotWritten: the manifest cannot be.
+        """
+        together = tuple(sorted({*self.processors, *processors}))
+        if len(together) > 1 and not mixed:
+            raise BadInput(
+                f"{self.folder}: {' and '.join(together)} would compute it together, which are equal to 1e-11 but not to the bit; "
+                "allow it by --mixed-processors, or use one kind alone"
+            )
+        if self.processors != together:
+            self.processors = together
+            write_whole(self.folder / "manifest.json", json.dumps(self._manifest | {"processors": list(together)}, indent=1).encode())
 
     def missing(self, jobs: list[Job]) -> tuple[list[Job], int]:
-        """Jobs without a readable shard, and how many of them had an unreadable one."""
-        left, corrupt = [], 0
-        for job in jobs:
-            path = self.path(job.point, job.start)
-            sound = path.is_file() and _is_sound(path, job)
-            corrupt += path.is_file() and not sound
-            if not sound:
-                left.append(job)
-        return left, corrupt
+        """Jobs without a sound shard, and how many of them had one that is not."""
+        left = [job for job in jobs if not self.shards.is_sound(job, self.processors)]
+        return left, sum(self.shards.is_there(job) for job in left)
 
-    def keep(self, tables: Tables) -> None:
-        """Write a shard; the metrics come last, so that their file says that all is there."""
-        path = self.path(tables.point, tables.start)
-        for table, suffix in ((tables.bands, ".bands"), (tables.consistency, ".consistency"), (tables.metrics, ".parquet")):
-            sink = pa.BufferOutputStream()
-            pq.write_table(table, sink)
-            _write(path.with_suffix(suffix), sink.getvalue().to_pybytes())
+    def keep(self, tables: Tables, mixed: bool) -> None:
+        """Write a shard; raises NotWritten, or BadInput if another processor computed it than may be."""
+        if tables.processor not in self.processors:
+            self.begin({tables.processor}, mixed)
+        self.shards.write(tables)
 
     def merge(self, jobs: list[Job]) -> Path:
-        """All metrics in one table, in the order of points and trials; memory stays that of a few shards."""
+        """All metrics in one table, in the order of points and trials; memory stays that of a few shards.
+
+        Raises:
+          DamagedShard: a shard is no longer what was written.
+          NotWritten: the table cannot be.
+        """
         path = self.folder / "trials.parquet"
-        temporary = path.with_suffix(".part")
-        with pq.ParquetWriter(temporary, METRIC_SCHEMA) as writer:
+        with whole_file(path) as temporary, pq.ParquetWriter(temporary, METRIC_SCHEMA) as writer:
             for group in self._groups(jobs):
                 writer.write_table(group, row_group_size=len(group) or None)
-        os.replace(temporary, path)
         return path
+
+    def used_processors(self, jobs: list[Job]) -> set[str]:
+        """Kinds of processors that computed the shards; raises DamagedShard."""
+        return {self.shards.processor(job) for job in jobs}
 
     def _groups(self, jobs: list[Job]) -> Iterator[pa.Table]:
         """Tables of TRIALS_A_GROUP trials each, whatever the shards."""
         held: pa.Table = METRIC_SCHEMA.empty_table()
         key: tuple[int, int] | None = None
         for job in jobs:
-            table = pq.read_table(self.path(job.point, job.start))
+            table = self.shards.table(job, METRICS)
             groups = np.asarray(table["trial"]) // TRIALS_A_GROUP
             for group in np.unique(groups):
                 part = table.filter(pa.array(groups == group))
@@ -112,10 +140,10 @@ class Store:
             yield held.combine_chunks()
 
     def add_up(self, jobs: list[Job], suffix: str, keys: list[str], number: list[str]) -> pa.Table:
-        """Whole numbers of all shards of some jobs added up by key; the same in any order."""
+        """Whole numbers of all shards of some jobs added up by key; the same in any order. Raises DamagedShard."""
         held: list[pa.Table] = []
         for i, job in enumerate(jobs):
-            held.append(pq.read_table(self.path(job.point, job.start).with_suffix(suffix)))
+            held.append(self.shards.table(job, suffix))
             if len(held) > SHARDS_AT_ONCE or i == len(jobs) - 1:
                 schema = held[0].schema
                 grouped = pa.concat_tables(held).group_by(keys, use_threads=False).aggregate([(name, "sum") for name in number])
@@ -123,25 +151,16 @@ class Store:
         return held[0].sort_by([(key, "ascending") for key in keys])
 
 
-def _is_sound(path: Path, job: Job) -> bool:
-    try:
-        tables = [pq.read_table(path.with_suffix(suffix)) for suffix in (".bands", ".consistency", ".parquet")]
-    except (OSError, pa.ArrowInvalid):
-        return False
-    trials = tables[-1]["trial"]
-    return len(trials) > 0 and trials[0].as_py() == job.start and trials[len(trials) - 1].as_py() == job.stop - 1
+def _content(campaign: Any) -> dict[str, Any]:
+    """What a campaign says but the spelling of its scenario's path, which the scenarios themselves stand for."""
+    return {key: value for key, value in campaign.items() if key != "scenario"}
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file wholly or not at all."""
-    temporary = path.with_suffix(path.suffix + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as refused:
-        temporary.unlink(missing_ok=True)
-        raise BadInput(f"{path} cannot be written: {refused.strerror}; what was finished is kept, go on with --resume") from None
+def _manifest(data: Any) -> dict[str, Any]:
+    """A manifest that was read, if it has the parts of one; raises ValueError."""
+    kinds = {"campaign": dict, "scenarios": list, "code": str, "processors": list}
+    if not isinstance(data, dict) or not all(isinstance(data.get(key), kind) for key, kind in kinds.items()):
+        raise ValueError("no manifest")
+    if not all(isinstance(name, str) for name in data["processors"]):
+        raise ValueError("no manifest")
+    return data

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import resource
+import shlex
 import time
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -14,11 +16,12 @@ from rich.text import Text
 
 from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
-from sim.campaign.draws import banded
-from sim.campaign.engines import engine
+from sim.campaign.draws import banded, check_draws
+from sim.campaign.engines import Engine, SchedulerLost, engine
 from sim.campaign.file import CAMPAIGNS, load
 from sim.campaign.settings import Campaign
 from sim.campaign.shard import Job, fly
+from sim.campaign.shard_files import BANDS, CONSISTENCY, DamagedShard
 from sim.campaign.store import Store
 from sim.campaign.summary import (
     Distribution,
@@ -30,13 +33,18 @@ from sim.campaign.summary import (
     summarize,
     worst,
 )
-from sim.cli.terminal import INTERRUPTED, err, out, output_folder
-from sim.metrics.results import versions
+from sim.campaign.worker_processes import WorkersLost
+from sim.cli.result_files import ResultFiles, interrupted_as
+from sim.cli.terminal import FAILED, INTERRUPTED, err, out, output_folder
+from sim.metrics.results import versions, write_json
 from sim.outputs.recording import how_to_open
+from sim.processor import described
 from sim.scenario import files
 from sim.tables import one_body as tables
+from sim.whole_file import NotWritten
 
 BASELINES = ("ekf", "sif")
+WAY_ON = "name another folder, or go on with it by --resume"
 
 
 class Rate(ProgressColumn):
@@ -57,6 +65,10 @@ def campaign(
     seed: Annotated[int | None, typer.Option(help="root seed; default: the file's")] = None,
     shard: Annotated[int | None, typer.Option(help="trials that are simulated together; no number depends on it")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="do only what is missing in --out")] = False,
+    mixed: Annotated[
+        bool,
+        typer.Option("--mixed-processors", help="let processors of several kinds compute it: equal to 1e-11, then, not to the bit"),
+    ] = False,
 ) -> None:
     """Fly a campaign: a scenario with dispersions and grids over many trials."""
     if engine_name not in ("local", "dask"):
@@ -64,20 +76,40 @@ def campaign(
     if resume and folder is None:
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
     loaded = _load(file, trials, seed, shard)
-    target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False)
-    scenarios = [json.dumps(files.dumped(loaded.at(point))) for point in range(len(loaded.points))]
+    target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False, WAY_ON)
+    bases = [loaded.at(point) for point in range(len(loaded.points))]
+    scenarios = [json.dumps(files.dumped(base)) for base in bases]
     jobs = _jobs(loaded, scenarios)
     store = Store(target, loaded, scenarios)
-    store.open(resume)
-    todo, corrupt = store.missing(jobs)
-    if corrupt:
-        err.print(f"{corrupt} shards could not be read and are done again")
+    if resume:
+        store.check()
+    for base in bases:
+        check_draws(loaded, base)
+    typed = {"--trials": trials, "--seed": seed, "--shard": shard, "--engine": engine_name, "--scheduler": scheduler}
+    again = shlex.join(
+        [
+            *("nacs", "campaign", file, "--resume", "--out", str(target)),
+            *(part for option, value in typed.items() if value not in (None, "local") for part in (option, str(value))),
+            *(("--mixed-processors",) if mixed else ()),
+        ]
+    )
     started = time.perf_counter()
-    if not _fly(todo, store, engine_name, workers, scheduler):
-        left = sum(job.stop - job.start for job in store.missing(jobs)[0])
-        err.print(f"interrupted: {left} of {sum(j.stop - j.start for j in jobs)} trials are left; go on with --resume --out {target}")
-        raise typer.Exit(INTERRUPTED)
-    _conclude(loaded, jobs, store, time.perf_counter() - started)
+    try:
+        with engine(engine_name, workers, scheduler) as running:
+            store.begin(running.processors(), mixed)
+            todo, damaged = store.missing(jobs)
+            if damaged:
+                err.print(f"{damaged} shard{'s are' if damaged > 1 else ' is'} damaged and flown again")
+            ended = _fly(todo, store, running, mixed)
+    except NotWritten as refused:
+        err.print(f"error: {refused}", style="red", markup=False)
+        raise typer.Exit(FAILED) from None
+    if ended.left:
+        everything = sum(job.stop - job.start for job in jobs)
+        err.print(f"{ended.reason}: {ended.left} of {everything} trials are left; go on with: {again}", markup=False)
+        raise typer.Exit(ended.code)
+    with interrupted_as(f"all trials are flown and kept; sum them up with: {again}"):
+        _conclude(loaded, jobs, store, time.perf_counter() - started, again)
 
 
 def _load(file: str, trials: int | None, seed: int | None, shard: int | None) -> Campaign:
@@ -103,29 +135,60 @@ def _jobs(loaded: Campaign, scenarios: list[str]) -> list[Job]:
     ]
 
 
-def _fly(todo: list[Job], store: Store, engine_name: str, workers: int, scheduler: str | None) -> bool:
-    """Do the jobs and keep each as it comes; False if the user stopped."""
+class Ended(NamedTuple):
+    """How flying ended.
+
+    Attributes:
+      left: trials that were not flown.
+      code: exit code, and why, if there are any.
+      reason: in words.
+    """
+
+    left: int
+    code: int = 0
+    reason: str = ""
+
+
+def _fly(todo: list[Job], store: Store, running: Engine, mixed: bool) -> Ended:
+    """Do the jobs and keep each as it comes."""
     size = {(job.point, job.start): job.stop - job.start for job in todo}
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True, speed_estimate_period=120) as bar:
-        task = bar.add_task("trials", total=sum(size.values()))
-        try:
-            for done in engine(engine_name, workers, scheduler).map(fly, todo):
-                store.keep(done)
+    left = sum(size.values())
+    try:
+        with Progress(*columns, console=err, transient=True, speed_estimate_period=120, disable=not err.is_terminal) as bar:
+            task = bar.add_task("trials", total=left)
+            for done in running.map(fly, todo):
+                store.keep(done, mixed)
+                left -= size[done.point, done.start]
                 bar.advance(task, size[done.point, done.start])
-        except KeyboardInterrupt:
-            return False
-    return True
+    except KeyboardInterrupt:
+        return Ended(left, INTERRUPTED, "interrupted")
+    except (NotWritten, WorkersLost, SchedulerLost, BadInput) as broken:
+        return Ended(left, FAILED, f"error: {broken}")
+    return Ended(0)
 
 
-def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> None:
-    """Merge, summarise, draw and print."""
+def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float, again: str) -> None:
+    """Merge, summarise, draw and print; what cannot be written is told with the command that tries again."""
+    results = ResultFiles(store.folder)
+    try:
+        _sum_up(loaded, jobs, store, wall, results)
+    except (NotWritten, DamagedShard) as broken:
+        err.print(f"error: {broken}; all trials are flown and kept, sum them up with: {again}", style="red", markup=False)
+        raise typer.Exit(FAILED) from None
+    if results.refusal:
+        err.print(f"error: {results.refusal}; all trials are kept, sum them up with: {again}", style="red", markup=False)
+        raise typer.Exit(FAILED)
+
+
+def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, results: ResultFiles) -> None:
     from sim.report.campaign import distributions as campaign_distributions  # Matplotlib takes half a second to import
     from sim.report.campaign import sweep as campaign_sweep
     from sim.report.campaign.page import write_report
     from sim.rerun.campaign import write_bands
 
     merged, first = store.merge(jobs), loaded.at(0)
+    processors = described(store.used_processors(jobs))
     together, errors = banded(first, loaded), kind_of(first.plant).layout(first.plant).errors
     sweep = not together and campaign_sweep.abscissa(loaded) is not None
     rows, points = [], []
@@ -133,20 +196,21 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         own = [job for job in jobs if job.point == point]
         found = list(distributions(merged, point))
         rows += [summarize(d, loaded.seed) for d in found if d.subject != "draw"]
-        bands = store.add_up(own, ".bands", ["quantity", "observer", "tick", "bin"], ["count"])
-        sums = store.add_up(own, ".consistency", ["statistic", "observer", "tick"], ["total", "count"])
+        bands = store.add_up(own, BANDS, ["quantity", "observer", "tick", "bin"], ["count"])
+        sums = store.add_up(own, CONSISTENCY, ["statistic", "observer", "tick"], ["total", "count"])
         consistency = ensemble_consistency(sums, errors)
         points.append(_point(point, settings, found, consistency))
         if not together and not sweep:
             out.print(campaign_distributions.table(found, points[-1]["failed_trials"], loaded.trials))
         if point == 0 and together:
-            write_bands(store.folder / "recording.rrd", loaded, bands, first.run.tick_s)
+            results.write("recording.rrd", partial(write_bands, campaign=loaded, bands=bands, dt=first.run.tick_s))
         if point == 0 and together and points[0]["roc"]:
-            write_report(store.folder / "report.png", loaded, found, points[0])
+            results.write("report.png", partial(write_report, campaign=loaded, found=found, point=points[0]))
         elif point == 0 and not sweep:
-            campaign_distributions.write_report(store.folder / "report.png", loaded, found)
+            results.write("report.png", partial(campaign_distributions.write_report, campaign=loaded, found=found))
     if sweep:
-        _say_sweep(loaded, rows, points, store.folder)
+        results.write("report.png", partial(campaign_sweep.write_report, campaign=loaded, rows=rows))
+        _say_sweep(loaded, rows, points)
     peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1024
     content = {
         "campaign": loaded.title,
@@ -154,25 +218,29 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
         "seed": loaded.seed,
         "trials": loaded.trials,
         "versions": versions(),
+        **processors,
         "wall_s": round(wall, 3),
         "peak_memory_mib": round(peak, 1),
         "points": points,
         "rows": rows,
     }
-    (store.folder / "summary.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    results.write("summary.json", partial(write_json, content=content))
     for number, said in enumerate(points if together else []):
         out.print(tables.campaign([row for row in rows if row["point"] == number], said))
     flown = len(loaded.points) * loaded.trials
-    out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB\nReport     {store.folder / 'report.png'}")
-    if together:
+    out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB")
+    if "mixed_processors" in processors:
+        out.print(f"Processors {'; '.join(map(str, store.processors))}: {processors['mixed_processors']}")
+    if "report.png" in results:
+        out.print(f"Report     {store.folder / 'report.png'}")
+    if "recording.rrd" in results:
         out.print(f"Recording  {store.folder / 'recording.rrd'}\nOpen it    {how_to_open(store.folder / 'recording.rrd')}")
 
 
-def _say_sweep(loaded: Campaign, rows: list[dict[str, Any]], points: list[dict[str, Any]], folder: Path) -> None:
-    """Picture and tables of a grid, and which trials failed."""
+def _say_sweep(loaded: Campaign, rows: list[dict[str, Any]], points: list[dict[str, Any]]) -> None:
+    """Tables of a grid, and which trials failed."""
     from sim.report.campaign import sweep as campaign_sweep
 
-    campaign_sweep.write_report(folder / "report.png", loaded, rows)
     for table in campaign_sweep.tables(loaded, rows):
         out.print(table)
     for point in points:

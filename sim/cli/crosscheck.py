@@ -11,6 +11,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sim.bad_input import BadInput
+from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out, output_folder
 from sim.crosscheck import agents
 from sim.crosscheck.divergence import thresholds
@@ -26,7 +27,7 @@ from sim.tables.crosscheck import tables
 from sim.tables.crosscheck_agents import divergence
 
 CHECK_FAILED = 1
-FILES = ("crosscheck.rrd", "crosscheck.png", "summary.json")
+FILES = RECORDING, PICTURE, SUMMARY = "crosscheck.rrd", "crosscheck.png", "summary.json"
 
 
 def crosscheck(
@@ -68,24 +69,33 @@ def crosscheck(
     ) as bar:
         task = bar.add_task("")
         try:
-            found = examine(
-                loaded,
-                family,
-                chosen,
-                wanted,
-                instants,
-                lambda what, done, of: bar.update(task, description=what, completed=done, total=of),
-            )
+            with interrupted_as("nothing was written"):
+                found = examine(
+                    loaded,
+                    family,
+                    chosen,
+                    wanted,
+                    instants,
+                    lambda what, done, of: bar.update(task, description=what, completed=done, total=of),
+                )
         except SimulationFailed as failure:
             err.print(f"error: {failure}; nothing was written")
             raise typer.Exit(FAILED) from None
     wall = time.perf_counter() - started
-    _write(target, name, loaded, found, wall)
+    files = ResultFiles(target)
+    with interrupted_as(f"what was written until then is whole, in {target}"):
+        _write(files, name, loaded, found, wall)
+        if overwrite:
+            files.remove_others(FILES)
     out.print(f"[bold]Cross-check of {chosen.name}[/] with {name}: {loaded.title}\n")
     for table in tables(found):
         out.print(table)
-    out.print(f"Picture    {target / 'crosscheck.png'}\nRecording  {target / 'crosscheck.rrd'}")
-    out.print(f"Open it    {how_to_open(target / 'crosscheck.rrd')}", soft_wrap=True)
+    if PICTURE in files:
+        out.print(f"Picture    {target / PICTURE}")
+    if RECORDING in files:
+        out.print(f"Recording  {target / RECORDING}")
+        out.print(f"Open it    {how_to_open(target / RECORDING)}", soft_wrap=True)
+    files.end_if_refused()
     if not found.passed:
         err.print("a check fails, or something printed does not fail as it must: see the tables", style="red")
         raise typer.Exit(CHECK_FAILED)
@@ -102,12 +112,11 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     try:
-        with err.status(f"flying {loaded.run.trials} trials and their models"):
+        with interrupted_as("nothing was written"), err.status(f"flying {loaded.run.trials} trials and their models"):
             found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
     except SimulationFailed as failure:
         err.print(f"error: {failure}; nothing was written")
         raise typer.Exit(FAILED) from None
-    target.mkdir(parents=True, exist_ok=True)
     run = loaded.run
     values = [
         Metric(model, f"{quantity}_apart", f"{found.time[tick]:g}s", found.quantities[quantity].unit, apart[tick].max(axis=-1))
@@ -116,13 +125,18 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
         for tick in found.ticks
     ]
     wall = time.perf_counter() - started
-    write_summary(
-        target / "summary.json", name, run.seed, run.trials, wall, run.tick_s * run.ticks * run.trials, values, passed=found.passed
-    )
-    write_agents_picture(target / "crosscheck.png", name, found)
+    seconds = run.tick_s * run.ticks * run.trials
+    files = ResultFiles(target)
+    with interrupted_as(f"what was written until then is whole, in {target}"):
+        files.write(SUMMARY, lambda path: write_summary(path, name, run.seed, run.trials, wall, seconds, values, passed=found.passed))
+        files.write(PICTURE, lambda path: write_agents_picture(path, name, found))
+        if overwrite:
+            files.remove_others(FILES)
     out.print(f"[bold]Cross-check of {name}[/]: {loaded.title}\n")
     out.print(divergence(found))
-    out.print(f"Picture    {target / 'crosscheck.png'}")
+    if PICTURE in files:
+        out.print(f"Picture    {target / PICTURE}")
+    files.end_if_refused()
     if not found.passed:
         raise typer.Exit(CHECK_FAILED)
 
@@ -139,24 +153,13 @@ def _instants(loaded: Scenario, at: list[float] | None, usual: tuple[float, ...]
     return tuple(at)
 
 
-def _write(target: Path, name: str, loaded: Scenario, found: CrossCheck, wall: float) -> None:
+def _write(files: ResultFiles, name: str, loaded: Scenario, found: CrossCheck, wall: float) -> None:
     from sim.report.crosscheck import write_picture  # Matplotlib and Rerun take a second to import
     from sim.rerun.crosscheck import write_crosscheck
 
-    target.mkdir(parents=True, exist_ok=True)
-    for old in FILES:
-        (target / old).unlink(missing_ok=True)
-    run = loaded.run
-    write_summary(
-        target / "summary.json", name, run.seed, run.trials, wall, run.tick_s * run.ticks * run.trials, metrics(found),
-        model=found.model.name, thresholds=found.thresholds, passed=found.passed,
-    )  # fmt: skip
-    write_picture(target / "crosscheck.png", name, found)
-    write_crosscheck(
-        target / "crosscheck.rrd",
-        name,
-        found,
-        compile_plant(loaded.plant),
-        tables(found),
-        loaded.model_dump(mode="json", exclude_none=True),
-    )
+    run, model = loaded.run, {"model": found.model.name, "thresholds": found.thresholds, "passed": found.passed}
+    seconds = run.tick_s * run.ticks * run.trials
+    files.write(SUMMARY, lambda path: write_summary(path, name, run.seed, run.trials, wall, seconds, metrics(found), **model))
+    files.write(PICTURE, lambda path: write_picture(path, name, found))
+    configuration = loaded.model_dump(mode="json", exclude_none=True)
+    files.write(RECORDING, lambda path: write_crosscheck(path, name, found, compile_plant(loaded.plant), tables(found), configuration))

@@ -14,6 +14,7 @@ from sim.cli.crosscheck import crosscheck
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
 from sim.cli.run import run
+from sim.cli.signals import interruptible
 from sim.cli.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, err, load, out
 from sim.cli.view import view
 
@@ -52,7 +53,8 @@ app.command("view")(view)
 def main() -> None:
     """Run the command; what the user got wrong is one line and exit code 2."""
     try:
-        app()
+        with interruptible():
+            app()
     except BadInput as wrong:
         err.print(f"error: {wrong}", style="red", markup=False)
         sys.exit(BAD_INPUT)

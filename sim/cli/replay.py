@@ -11,14 +11,15 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from sim.bad_input import BadInput
-from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
+from sim.cli.result_files import ResultFiles, interrupted_as
+from sim.cli.terminal import FAILED, INTERRUPTED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
 from sim.user_code.user_code import UserCode
 
-FILES = ("estimates.parquet", "summary.json", "replay.png")
+FILES = ESTIMATES, SUMMARY, PICTURE = "estimates.parquet", "summary.json", "replay.png"
 
 # metric, heading, factor; the second group needs the truth
 _COLUMNS = (
@@ -53,11 +54,11 @@ def replay(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from sim.plant.batch import SimulationFailed
     from sim.replay.estimates import estimates
     from sim.replay.flight_log import about, read
     from sim.replay.log_columns import columns_of
     from sim.replay.metrics import evaluate
+    from sim.replay.replay import Replayed
     from sim.replay.replay import replay as run_over
     from sim.replay.setting import choose, setting, why_not
     from sim.report.replay import write_picture
@@ -77,29 +78,48 @@ def replay(
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
     started = time.perf_counter()
+    replayed, stopped = list[Replayed](), False
     try:
-        replayed = [run_over(block, chosen[block.loop][0], user_code) for block in blocks]
-    except SimulationFailed as failure:
-        err.print(f"error: {failure}")
-        raise typer.Exit(FAILED) from None
-    metrics = evaluate(replayed, scenario)
+        for block in blocks:
+            replayed.append(run_over(block, chosen[block.loop][0], user_code))
+    except KeyboardInterrupt:
+        stopped = True
     wall = time.perf_counter() - started
-    trials = len({(int(trial)) for block in blocks for trial in block.trials})
-    seconds = sum(block.dt * block.reading.shape[0] * len(block.trials) for block in blocks)
-    if overwrite and target.is_dir():
-        for old in FILES:
-            (target / old).unlink(missing_ok=True)
-    target.mkdir(parents=True, exist_ok=True)
-    tables = [estimates(one) for one in replayed]
-    pq.write_table(pa.concat_tables(tables, promote_options="default"), target / "estimates.parquet")
-    write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
-    if replayed[0].recording.observers:
-        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording, replayed[0].layout)
+    lost = [one for block in replayed for one in block.recording.lost]
+    whole = [sound for block in replayed if len((sound := block.sound()).recording.trials)]
+    parts = [part for block in replayed for part in block.broken()]
+    if not whole and not parts:
+        err.print("interrupted: nothing was replayed yet, nothing was written" if stopped else f"error: {lost[0]}", markup=False)
+        raise typer.Exit(INTERRUPTED if stopped else FAILED)
+    trials = len({int(trial) for one in whole for trial in one.recording.trials})
+    seconds = sum(one.recording.dt * one.recording.ticks * len(one.recording.trials) for one in (*whole, *parts))
+    files = ResultFiles(target)
+    with interrupted_as(f"what was written until then is whole, in {target}"):
+        table = pa.concat_tables([estimates(one) for one in (*whole, *parts)], promote_options="default")
+        metrics = evaluate(whole, scenario) if whole else []
+        files.write(ESTIMATES, lambda path: pq.write_table(table, path))
+        files.write(
+            SUMMARY,
+            lambda path: write_summary(path, str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described),
+        )
+        shown = (*whole, *parts)[0]
+        if shown.recording.observers:
+            files.write(PICTURE, lambda path: write_picture(path, f"Replay of {log.name}", shown.recording, shown.layout))
+        if overwrite:
+            files.remove_others(FILES)
     out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n")
-    out.print(_table(rows(metrics)))
-    for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
-        if (target / name).is_file():
+    if statistics := rows(metrics):
+        out.print(_table(statistics))
+    for label, name in (("Estimates", ESTIMATES), ("Summary", SUMMARY), ("Picture", PICTURE)):
+        if name in files:
             out.print(f"{label:<10} {target / name}")
+    told = [f"{lost[0]}; what was estimated until then is in {target}"] if lost else []
+    if troubles := [*told, *([files.refusal] if files.refusal else [])]:
+        err.print(f"error: {'; '.join(troubles)}", markup=False)
+        raise typer.Exit(FAILED)
+    if stopped:
+        err.print(f"interrupted: {len(replayed)} of {len(blocks)} parts of the log were replayed and are in {target}", markup=False)
+        raise typer.Exit(INTERRUPTED)
 
 
 def _origin(about: dict[str, object], scenario: AnyScenario) -> str:

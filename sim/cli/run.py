@@ -17,6 +17,8 @@ from sim.campaign.draws import own
 from sim.campaign.file import is_campaign
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign
+from sim.campaign.worker_processes import WorkersLost
+from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.run_output import RunResult, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
@@ -96,7 +98,8 @@ def run(
         err.print(f"warning: {warning}", style="yellow", markup=False)
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
-    blocks, stopped = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, stream.on_tick if stream else None)
+    watched = stream.on_tick if stream else None
+    blocks, stopped, unfinished = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, watched)
     if stream:
         stream.close()
     finished, metrics, recordings = join(blocks)
@@ -105,19 +108,23 @@ def run(
         recordings = next((block.recordings for block in blocks if block.recordings), {})
     wall = time.perf_counter() - started
     reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
-    ended = RunResult(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped)
+    ended = RunResult(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped, unfinished)
     if not len(finished) and not recordings:
         ended.exit_without_result()
-    ended.write_figures(target, overwrite, **user_code.described)
-    if recordings:
-        flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
-        for output in written:
-            output.write(target / output.file, flown)
+    files = ResultFiles(target)
+    with interrupted_as(f"what was written until then is whole, in {target}"):
+        ended.write_figures(files, **user_code.described)
+        if recordings:
+            flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
+            for output in written:
+                files.write(output.file, lambda path, output=output: output.write(path, flown))  # type: ignore[misc]
+        if overwrite:
+            files.remove_others(output.file for output in OUTPUTS.values())
     if statistics := rows(ended.metrics):
         ended.print_header()
         for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
             out.print(table)
-    ended.print_files(target)
+    ended.print_files(files)
 
 
 def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream | LiveCurves:
@@ -141,8 +148,8 @@ def _simulate(
     workers: int,
     user_code: UserCode,
     stream: Callable[[str, int, Recorder], None] | None,
-) -> tuple[list[TrialBlock], bool]:
-    """Blocks that finished, and whether the user stopped the rest."""
+) -> tuple[list[TrialBlock], bool, str | None]:
+    """Blocks that finished, whether the user stopped the rest, and why else some are missing."""
     blocks: list[TrialBlock] = []
     columns = (
         TextColumn("{task.description}"),
@@ -152,10 +159,10 @@ def _simulate(
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=err, transient=True) as bar:
-        seconds = loaded.run.tick_s
-        task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
-        try:
+    try:
+        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+            seconds = loaded.run.tick_s
+            task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
             for block in simulate_all(
                 loaded,
                 cut(numbers, workers),
@@ -167,9 +174,11 @@ def _simulate(
                 stream,
             ):
                 blocks.append(block)
-        except KeyboardInterrupt:
-            return blocks, True
-    return blocks, False
+    except KeyboardInterrupt:
+        return blocks, True, None
+    except WorkersLost as lost:
+        return blocks, False, str(lost)
+    return blocks, False, None
 
 
 def _configuration(loaded: Any, user_code: UserCode) -> dict[str, Any]:

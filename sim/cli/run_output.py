@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -11,6 +10,7 @@ import typer
 from numpy.typing import NDArray
 
 from sim.bad_input import BadInput
+from sim.cli.result_files import ResultFiles
 from sim.cli.terminal import FAILED, INTERRUPTED, err, out
 from sim.metric import Metric
 from sim.metrics.results import write_summary, write_trials
@@ -35,6 +35,7 @@ class RunResult:
       wall_s: what it took.
       failures: what broke down.
       stopped: whether the user ended it.
+      unfinished: why else trials are missing, in words.
     """
 
     name: str
@@ -45,7 +46,8 @@ class RunResult:
     metrics: list[Metric]
     wall_s: float
     failures: list[str]
-    stopped: bool
+    stopped: bool = False
+    unfinished: str | None = None
 
     @property
     def simulated_s(self) -> float:
@@ -60,36 +62,39 @@ class RunResult:
 
     def exit_without_result(self) -> NoReturn:
         """Leave the command without a result."""
-        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {self._first}")
+        why = self._first if self.failures else f"{self.unfinished}; nothing was written"
+        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {why}", markup=False)
         raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
 
-    def write_figures(self, folder: Path, overwrite: bool, **described: Any) -> None:
-        """Make the folder, clear it of an older run if that was asked for, and write the metrics."""
-        if overwrite and folder.is_dir():
-            for old in (*(output.file for output in OUTPUTS.values()), SUMMARY, TRIALS):
-                (folder / old).unlink(missing_ok=True)
-        folder.mkdir(parents=True, exist_ok=True)
-        seed = self.scenario.run.seed
-        write_summary(folder / SUMMARY, self.name, seed, len(self.trials), self.wall_s, self.simulated_s, self.metrics, **described)
-        write_trials(folder / TRIALS, self.name, seed, self.trials, self.metrics)
+    def write_figures(self, files: ResultFiles, **described: Any) -> None:
+        """Write the metrics."""
+        seed, count = self.scenario.run.seed, len(self.trials)
+        files.write(
+            SUMMARY, lambda path: write_summary(path, self.name, seed, count, self.wall_s, self.simulated_s, self.metrics, **described)
+        )
+        files.write(TRIALS, lambda path: write_trials(path, self.name, seed, self.trials, self.metrics))
 
     def print_header(self) -> None:
         """Head of the tables."""
         out.print(f"[bold]{self.scenario.title}[/]\n[dim]{self.scenario.source}[/]\n")
 
-    def print_files(self, folder: Path) -> None:
-        """What it took and where everything is; leaves the command if not all trials were finished."""
-        pace = self.simulated_s / self.wall_s
+    def print_files(self, files: ResultFiles) -> None:
+        """What it took and where everything is; leaves the command if not all trials were finished or not all files written."""
+        pace, folder = self.simulated_s / self.wall_s, files.folder
         out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")
         for key, output in OUTPUTS.items():
-            if (path := folder / output.file).is_file():
+            if output.file in files:
+                path = folder / output.file
                 for head, what in ((key.capitalize(), str(path)), *((output.hint(path),) if output.hint else ())):
                     out.print(f"{head:10} {what}")
-        if self.failures:
-            err.print(f"error: {self._first}; what was recorded until then is in {folder}", markup=False)
+        kept = f"{len(self.trials)} of {self.wanted} trials were finished and kept in {folder}"
+        recorded = f"{self._first}; what was recorded until then is in {folder}" if self.failures else None
+        unfinished = f"{self.unfinished}; {kept}; the same command flies one of the others by --only-trial" if self.unfinished else None
+        if troubles := [trouble for trouble in (recorded, unfinished, files.refusal) if trouble]:
+            err.print(f"error: {'; '.join(troubles)}", markup=False)
             raise typer.Exit(FAILED)
         if self.stopped:
-            err.print(f"interrupted: {len(self.trials)} of {self.wanted} trials were finished and kept in {folder}")
+            err.print(f"interrupted: {kept}", markup=False)
             raise typer.Exit(INTERRUPTED)
 
 

@@ -35,8 +35,8 @@ def load(name: str, trials: int | None, seed: int | None, overrides: list[str] |
     return files.load(name, changes_of(overrides, trials, seed), guests)
 
 
-def output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:
-    """Where results go; made only when there is something to write."""
+def output_folder(folder: Path | None, name: str, overwrite: bool, way_on: str = "name another folder or add --overwrite") -> Path:
+    """Where results go; made only when there is something to write. `way_on` is what to do about a folder that is not empty."""
     if folder is None:
         stem = Path("runs") / Path(name).with_suffix("")
         if Path(name).is_absolute() or ".." in Path(name).parts:
@@ -48,7 +48,7 @@ def output_folder(folder: Path | None, name: str, overwrite: bool) -> Path:
     elif folder.is_file():
         raise BadInput(f"--out {folder}: is a file; name a folder")
     elif folder.is_dir() and any(folder.iterdir()) and not overwrite:
-        raise BadInput(f"--out {folder}: is not empty; name another folder or add --overwrite")
+        raise BadInput(f"--out {folder}: is not empty; {way_on}")
     nearest = folder
     while not nearest.exists():
         nearest = nearest.parent

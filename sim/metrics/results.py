@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from sim.metric import Metric
+from sim.processor import described, processor
 
 
 class Row(NamedTuple):
@@ -57,11 +58,17 @@ def write_summary(
         "seed": seed,
         "trials": trials,
         "versions": versions(),
+        **described([processor()]),
         "wall_s": round(wall_s, 3),
         "sim_s": sim_s,
         **more,
         "rows": [row._asdict() for row in rows(metrics)],
     }
+    write_json(path, content)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a summary as JSON, for people to read too."""
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 

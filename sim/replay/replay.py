@@ -13,7 +13,7 @@ from models.dynamics.state_layout import ATTITUDE, StateLayout
 from sim.controllers.tracking import target_channels
 from sim.faults.timeline import Occurrence
 from sim.loop.build import assembly_of, build_estimators, errors_of
-from sim.loop.closed_loop import System, run_whole
+from sim.loop.closed_loop import System, run
 from sim.loop.recording import Recording
 from sim.parts import AnyArray, Snapshot
 from sim.replay.flight_log import FlightLog
@@ -42,17 +42,33 @@ class Replayed(NamedTuple):
     innovation: dict[str, Array]
     layout: StateLayout
 
+    def sound(self) -> Replayed:
+        """The trials in which no filter broke down."""
+        gone = [one.trial for one in self.recording.lost]
+        keep = np.flatnonzero(~np.isin(self.recording.trials, gone))
+        return self._replace(recording=self.recording.sound(), innovation=self._of(keep))
+
+    def broken(self) -> list[Replayed]:
+        """Each trial in which a filter broke down, as far as it came."""
+        found = []
+        for one in self.recording.lost:
+            if one.tick:
+                keep = np.flatnonzero(self.recording.trials == one.trial)
+                until = {name: part[: one.tick] for name, part in self._of(keep).items()}
+                found.append(self._replace(recording=self.recording.select(keep).until(one.tick), innovation=until))
+        return found
+
+    def _of(self, keep: NDArray[np.int64]) -> dict[str, Array]:
+        return {name: part[:, keep] for name, part in self.innovation.items()}
+
 
 def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
-    """Run the filters of a loop over a block of its trials.
+    """Run the filters of a loop over a block of its trials; those in which one breaks down are named in the recording.
 
     Args:
       log: of the loop.
       scenario: with those filters, as `setting.choose` gives it.
       user_code: the user's own filters.
-
-    Raises:
-      SimulationFailed: a filter lost definiteness.
     """
     estimators = build_estimators(scenario, log.trials, user_code, log.loop)
     ticks, trials = log.reading.shape[:2]
@@ -84,7 +100,7 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
         occurrences=_occurrences(fault),
         errors=errors_of(scenario),
     )
-    recording = run_whole(system)
+    recording = run(system)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
     return Replayed(log.loop, recording, {name: _seen(part, log.reading) for name, part in taken.items()}, columns.layout)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sim.campaign.settings import Campaign
 from sim.campaign.shard import bin_values
 from sim.rerun.blueprint import TIMELINE
+from sim.rerun.recording_file import recording_file
 from sim.series.palette import REFERENCE, on_dark
 
 Array = NDArray[np.floating]
@@ -61,8 +62,7 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
         if kind in kinds
     ]
     page = rrb.Blueprint(rrb.Grid(*views, grid_columns=2), collapse_panels=True)
-    with rr.RecordingStream("nacs campaign") as stream:
-        stream.save(path, default_blueprint=page)
+    with recording_file(path, "nacs campaign", page) as stream:
         stream.send_recording_name(campaign.title)
         stream.log(
             "about",

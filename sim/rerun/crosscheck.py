@@ -25,6 +25,7 @@ from sim.loop.recording import Recording
 from sim.plant.batch import diagnose
 from sim.rerun.blueprint import BACKGROUND, BOTH_BODIES, TIMELINE, TRAIL_S, Camera
 from sim.rerun.loops.scene import ROWS_MOST
+from sim.rerun.recording_file import recording_file
 from sim.rerun.scene import CENTRE, GHOST_LABEL, GHOST_OFFSET, body_path, floating_body, lab_of_N, size_of, stands, to_lab
 from sim.rerun.sink import APPLICATION, Scales, columns, describe, entity, motion, start, style, time_column
 from sim.series.channels import Curve
@@ -62,8 +63,7 @@ def write_crosscheck(
     scales = _as_it_is(Scales.of(recording, assembly, None))
     if not assembly.wheel_joints:
         scales = scales._replace(momentum=ARROW * size_of(assembly) / float(np.linalg.norm(truth.momentum_N, axis=-1).max()))
-    with rr.RecordingStream(APPLICATION) as stream:
-        stream.save(path, default_blueprint=_page(found, assembly, scales, float(time[-1])))
+    with recording_file(path, APPLICATION, _page(found, assembly, scales, float(time[-1]))) as stream:
         describe(stream, f"{name}: cross-check of {model}", configuration)
         start(stream, "", recording.thresholds, assembly, recording.channels["reference/q"])
         for path_in_file, moved in motion(posed, truth, assembly, scales):

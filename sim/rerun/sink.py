@@ -18,6 +18,7 @@ from sim.loop.recording import Recording
 from sim.plant.batch import Diagnostics, diagnose
 from sim.rerun.blueprint import TIMELINE, WHEEL_VIEW, Camera, Layout, blueprint
 from sim.rerun.geoms import rotate
+from sim.rerun.recording_file import recording_file
 from sim.rerun.scene import (
     ABOVE,
     CENTRE,
@@ -82,8 +83,7 @@ def write_recording(
     prefixes = {f"Trial {number}": f"trial_{number}/" if several else "" for number in recording.trials}
     duration = float(recording.time[-1])
     page = blueprint({label: layout(prefix, assembly, recording.thresholds, shown, scales, duration) for label, prefix in prefixes.items()})
-    with rr.RecordingStream(APPLICATION) as stream:
-        stream.save(path, default_blueprint=page)
+    with recording_file(path, APPLICATION, page) as stream:
         describe(stream, scenario_name, configuration)
         for i, prefix in enumerate(prefixes.values()):
             one = recording.select(np.array([i]))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
+from sim.rerun.recording_file import recording_file
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.channels import Curve
@@ -131,8 +132,7 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
             drawn,
             ConsensusLayout(prefix, duration, tuple(one), chosen(one), plotted(scenario), _highs(drawn)),
         )
-    with rr.RecordingStream(APPLICATION) as stream:
-        stream.save(path, default_blueprint=blueprint({label: layout for label, (_, _, layout) in trials.items()}))
+    with recording_file(path, APPLICATION, blueprint({label: layout for label, (_, _, layout) in trials.items()})) as stream:
         describe(stream, name, configuration)
         for one, drawn, layout in trials.values():
             for loop, flight in one.items():

@@ -18,6 +18,7 @@ from sim.plant.kinds import compile_plant
 from sim.rerun.agents.formation_scene import FreeScene, Scene, shades
 from sim.rerun.agents.testbeds import RoomScene, wheel_curves
 from sim.rerun.blueprint import BACKGROUND, Page, blueprint
+from sim.rerun.recording_file import recording_file
 from sim.rerun.sink import APPLICATION, describe, entity, style, time_column
 from sim.scenario.formation import FormationScenario
 from sim.series.channels import Curve
@@ -48,8 +49,7 @@ def write_formation(
     scene = (RoomScene if scenario.wheels else FreeScene)(compile_plant(scenario.plant), shown)
     prefixes = {f"Trial {number}": f"trial_{number}/" if len(numbers) > 1 else "" for number in numbers}
     layouts = {label: layout(prefix, shown, loops, scene) for label, prefix in prefixes.items()}
-    with rr.RecordingStream(APPLICATION) as stream:
-        stream.save(path, default_blueprint=blueprint(layouts))
+    with recording_file(path, APPLICATION, blueprint(layouts)) as stream:
         describe(stream, name, configuration)
         for position, prefix in enumerate(prefixes.values()):
             _write_trial(stream, prefix, name, scene, shown, loops, position)

@@ -15,6 +15,7 @@ from sim.rerun.blueprint import blueprint
 from sim.rerun.loops.antenna import AntennaLayout, outlook, pictures
 from sim.rerun.loops.blueprint import LoopsLayout
 from sim.rerun.loops.scene import TRAIL_SHARE, Stage, camera, log_stage, motion, path_of, stage
+from sim.rerun.recording_file import recording_file
 from sim.rerun.sink import APPLICATION, columns, describe, entity, style, time_column
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import (
@@ -61,8 +62,7 @@ def write_loops(path: Path, name: str, scenario: Scenario, recordings: dict[str,
             several = flights(scenario, recordings, position)
             shown = (*curves(several, edges(several), window(several)), *learned_curves(several))
             trials[f"Trial {number}"] = Trial(prefix, several, stage(several, assembly), shown)
-    with rr.RecordingStream(APPLICATION) as stream:
-        stream.save(path, default_blueprint=blueprint({label: layout(trial) for label, trial in trials.items()}))
+    with recording_file(path, APPLICATION, blueprint({label: layout(trial) for label, trial in trials.items()})) as stream:
         describe(stream, name, configuration)
         for trial in trials.values():
             _write_trial(stream, trial, name)
