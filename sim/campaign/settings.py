@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from models.sections import Section
+from models.sections import Headline, Section, Seed
 from sim.draws import Number
 from sim.scenario import files
 from sim.scenario.files import AnyScenario
@@ -52,9 +52,9 @@ HEADLINES = (  # of all kinds of scenario; each has some of them
 class Campaign(Section):
     """One campaign file."""
 
-    title: str
+    title: Headline
     scenario: str = Field(description="family/name, or a path to a scenario file")
-    seed: Annotated[int, Field(ge=0)]
+    seed: Seed
     trials: Annotated[int, Field(ge=1)] = Field(description="trials at every point of the grid")
     shard: Annotated[int, Field(ge=1)] = Field(50, description="trials that are simulated together; no result depends on it")
     design: Literal["random", "latin-hypercube", "sobol"] = "random"

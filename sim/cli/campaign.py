@@ -16,7 +16,7 @@ from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.draws import banded
 from sim.campaign.engines import engine
-from sim.campaign.file import CAMPAIGNS, load
+from sim.campaign.file import CAMPAIGNS, load, located
 from sim.campaign.settings import Campaign
 from sim.campaign.shard import Job, fly
 from sim.campaign.store import Store
@@ -34,7 +34,9 @@ from sim.cli.terminal import INTERRUPTED, err, out, output_folder
 from sim.metrics.results import versions
 from sim.outputs.recording import how_to_open
 from sim.scenario import files
+from sim.table_style import counted
 from sim.tables import one_body as tables
+from sim.toml_text import is_there
 
 BASELINES = ("ekf", "sif")
 
@@ -81,8 +83,8 @@ def campaign(
 
 
 def _load(file: str, trials: int | None, seed: int | None, shard: int | None) -> Campaign:
-    path = Path(file) if file.endswith(".toml") else CAMPAIGNS / f"{file}.toml"
-    if not file.endswith(".toml") and not path.is_file():
+    path = located(file)
+    if not file.endswith(".toml") and not is_there(path):
         raise BadInput(
             f"no campaign {file!r}; there are {', '.join(sorted(p.stem for p in CAMPAIGNS.glob('*.toml')))}, or give a .toml file"
         )
@@ -163,7 +165,7 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float) -> N
     for number, said in enumerate(points if together else []):
         out.print(tables.campaign([row for row in rows if row["point"] == number], said))
     flown = len(loaded.points) * loaded.trials
-    out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB\nReport     {store.folder / 'report.png'}")
+    out.print(f"\n{counted(flown, 'trial')} in {wall:.0f} s; largest process {peak:.0f} MiB\nReport     {store.folder / 'report.png'}")
     if together:
         out.print(f"Recording  {store.folder / 'recording.rrd'}\nOpen it    {how_to_open(store.folder / 'recording.rrd')}")
 

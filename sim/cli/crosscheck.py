@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out, output_folder
@@ -22,6 +23,7 @@ from sim.outputs.recording import how_to_open
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
+from sim.table_style import counted
 from sim.tables.crosscheck import tables
 from sim.tables.crosscheck_agents import divergence
 
@@ -81,7 +83,7 @@ def crosscheck(
             raise typer.Exit(FAILED) from None
     wall = time.perf_counter() - started
     _write(target, name, loaded, found, wall)
-    out.print(f"[bold]Cross-check of {chosen.name}[/] with {name}: {loaded.title}\n")
+    out.print(Text.assemble((f"Cross-check of {chosen.name}", "bold"), f" with {name}: {loaded.title}\n"))
     for table in tables(found):
         out.print(table)
     out.print(f"Picture    {target / 'crosscheck.png'}\nRecording  {target / 'crosscheck.rrd'}")
@@ -102,7 +104,7 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     try:
-        with err.status(f"flying {loaded.run.trials} trials and their models"):
+        with err.status(f"flying {counted(loaded.run.trials, 'trial')} and their models"):
             found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
     except SimulationFailed as failure:
         err.print(f"error: {failure}; nothing was written")
@@ -120,7 +122,7 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
         target / "summary.json", name, run.seed, run.trials, wall, run.tick_s * run.ticks * run.trials, values, passed=found.passed
     )
     write_agents_picture(target / "crosscheck.png", name, found)
-    out.print(f"[bold]Cross-check of {name}[/]: {loaded.title}\n")
+    out.print(Text.assemble((f"Cross-check of {name}", "bold"), f": {loaded.title}\n"))
     out.print(divergence(found))
     out.print(f"Picture    {target / 'crosscheck.png'}")
     if not found.passed:

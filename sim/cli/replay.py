@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
@@ -16,6 +17,7 @@ from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.table_style import counted
 from sim.user_code.user_code import UserCode
 
 FILES = ("estimates.parquet", "summary.json", "replay.png")
@@ -71,7 +73,7 @@ def replay(
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
     skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
     for reason in skipped.values():
-        err.print(f"warning: {reason}; it is not replayed", style="yellow", markup=False)
+        err.print(f"warning: {reason}; it is not replayed", style="yellow")
     blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
     if not blocks:
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
@@ -95,7 +97,8 @@ def replay(
     write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
     if replayed[0].recording.observers:
         write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording, replayed[0].layout)
-    out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n")
+    what = f": {counted(trials, 'trial')}, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n"
+    out.print(Text.assemble((f"Replay of {log}", "bold"), what))
     out.print(_table(rows(metrics)))
     for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
         if (target / name).is_file():

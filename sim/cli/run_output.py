@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.terminal import FAILED, INTERRUPTED, err, out
@@ -17,6 +18,7 @@ from sim.metrics.results import write_summary, write_trials
 from sim.outputs.register import OUTPUTS
 from sim.scenario.files import AnyScenario
 from sim.scenario.run import RunSettings
+from sim.table_style import counted
 
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
 
@@ -75,18 +77,20 @@ class RunResult:
 
     def print_header(self) -> None:
         """Head of the tables."""
-        out.print(f"[bold]{self.scenario.title}[/]\n[dim]{self.scenario.source}[/]\n")
+        out.print(Text.assemble((self.scenario.title, "bold"), "\n", (self.scenario.source, "dim"), "\n"))
 
     def print_files(self, folder: Path) -> None:
         """What it took and where everything is; leaves the command if not all trials were finished."""
         pace = self.simulated_s / self.wall_s
-        out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")
+        out.print(
+            f"\n{counted(len(self.trials), 'trial')}, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)"
+        )
         for key, output in OUTPUTS.items():
             if (path := folder / output.file).is_file():
                 for head, what in ((key.capitalize(), str(path)), *((output.hint(path),) if output.hint else ())):
                     out.print(f"{head:10} {what}")
         if self.failures:
-            err.print(f"error: {self._first}; what was recorded until then is in {folder}", markup=False)
+            err.print(f"error: {self._first}; what was recorded until then is in {folder}")
             raise typer.Exit(FAILED)
         if self.stopped:
             err.print(f"interrupted: {len(self.trials)} of {self.wanted} trials were finished and kept in {folder}")

@@ -32,7 +32,7 @@ def view(
 
     if len(loops) > 1:
         others = ", ".join(other for other in loops if other != chosen)
-        out.print(f"loop {chosen} of {name}; --loop shows another: {others}", markup=False, soft_wrap=True)
+        out.print(f"loop {chosen} of {name}; --loop shows another: {others}", soft_wrap=True)
     try:
         if loaded.family == "body":
             viewer.fly(loaded, chosen)
@@ -41,5 +41,5 @@ def view(
             moved = motion(loaded, chosen)
         viewer.show(*moved)
     except SimulationFailed as failure:
-        err.print(f"error: {failure}", style="red", markup=False)
+        err.print(f"error: {failure}", style="red")
         raise typer.Exit(FAILED) from None

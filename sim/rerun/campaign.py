@@ -14,6 +14,7 @@ from sim.campaign.settings import Campaign
 from sim.campaign.shard import bin_values
 from sim.rerun.blueprint import TIMELINE
 from sim.series.palette import REFERENCE, on_dark
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -53,7 +54,7 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
     views = [
         rrb.TimeSeriesView(
             origin=f"/{kind}",
-            name=f"{title}: median, 5 and 95 % of {campaign.trials} trials",
+            name=f"{title}: median, 5 and 95 % of {counted(campaign.trials, 'trial')}",
             axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
             plot_legend=rrb.PlotLegend("RightTop"),
         )
@@ -66,7 +67,9 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
         stream.send_recording_name(campaign.title)
         stream.log(
             "about",
-            rr.TextDocument(f"# {campaign.title}\n\n{campaign.trials} trials of {campaign.scenario}", media_type="text/markdown"),
+            rr.TextDocument(
+                f"# {campaign.title}\n\n{counted(campaign.trials, 'trial')} of {campaign.scenario}", media_type="text/markdown"
+            ),
             static=True,
         )
         for kind, name in pairs:

@@ -12,7 +12,7 @@ from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
 from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
-from models.sections import NonNegative, Positive, Section
+from models.sections import Headline, NonNegative, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
 from sim.faults.bodies import InertiaChange
 from sim.faults.kinds import Fault, check_faults, renamed
@@ -21,6 +21,7 @@ from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings
 from sim.scenario.graph import FormationGraph
+from sim.scenario.named_sections import Windows, check_name, check_windows
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -93,8 +94,8 @@ class FormationScenario(Section):
 
     family: ClassVar[str] = "formation"
 
-    title: str
-    source: str = Field(description="seed equation, table or figure that it comes from")
+    title: Headline
+    source: Headline = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
     plant: FormationSettings
     graph: FormationGraph = FormationGraph()
@@ -104,7 +105,7 @@ class FormationScenario(Section):
     observers: dict[str, ObserverSettings] = Field({}, description="by name")
     loops: dict[str, LoopSettings]
     faults: tuple[Fault, ...] = ()
-    phases: dict[str, tuple[NonNegative, Positive]] = Field({}, description="windows of time with metrics of their own: [start, end] in s")
+    phases: Windows = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     published: Published | None = None
 
     @field_validator("loops")
@@ -112,6 +113,8 @@ class FormationScenario(Section):
     def _some(cls, loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
         if not loops:
             raise ValueError("no loop is flown")
+        for name in loops:
+            check_name(name, "a loop", RESERVED)
         return loops
 
     @field_validator("faults", mode="before")
@@ -130,14 +133,12 @@ class FormationScenario(Section):
             for observer in (loop.feedback, *loop.watching):
                 if observer not in known:
                     raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(known)}")
-        if taken := [name for name in self.observers if name in RESERVED]:
-            raise ValueError(f"observers: {taken[0]!r} means something else")
+        for name in self.observers:
+            check_name(name, "an observer", RESERVED)
         if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
             raise ValueError(f"run.tick_s = {self.run.tick_s:g} is not a whole number of physics steps of {self.plant.step_s:g} s")
         duration = self.run.ticks * self.run.tick_s
-        for name, (start, end) in self.phases.items():
-            if not start < end <= duration * (1 + 1e-9):
-                raise ValueError(f"phases.{name}: [{start:g}, {end:g}] s is not inside the run of {duration:g} s")
+        check_windows(self.phases, self.run)
         check_faults(self.faults, duration, self.parts)
         for number, fault in enumerate(self.faults):
             if isinstance(fault, InertiaChange):

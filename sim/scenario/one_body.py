@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from models.plants.assembly import ImpossibleInertia
 from models.plants.register.entries import kind_of
-from models.sections import NonNegative, Section
+from models.sections import Headline, NonNegative, Section
 from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import check_learning
 from sim.estimators.tunings import Tuning
@@ -17,7 +17,7 @@ from sim.faults.parts import Parts
 from sim.plant.kinds import PlantSettings, check_masses
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
-from sim.scenario.named_sections import Observers, Windows
+from sim.scenario.named_sections import Observers, Windows, check_windows
 from sim.scenario.references import ReferenceSettings
 from sim.scenario.run import Published, RunSettings
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
@@ -50,8 +50,8 @@ class Scenario(Section):
 
     family: ClassVar[str] = "body"
 
-    title: str
-    source: str = Field(description="seed equation, table or figure that it comes from")
+    title: Headline
+    source: Headline = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
     plant: PlantSettings
     start: StartSettings = StartSettings()
@@ -109,6 +109,7 @@ class Scenario(Section):
         for key, period in self.sensors.periods_s.items():
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
+        check_windows(self.phases, self.run)
         check_faults(self.faults, duration, self.parts)
         check_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:

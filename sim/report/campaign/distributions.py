@@ -13,7 +13,7 @@ from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution
 from sim.report.campaign.panels import panels
 from sim.series.palette import on_light
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 COLUMNS = 4
 FENCE = 1.5  # interquartile ranges beyond the quartiles: an outlier (Tukey 1977)
@@ -64,7 +64,7 @@ def table(found: list[Distribution], failed: list[int], trials: int) -> Table:
     caption = f"outliers: beyond {FENCE:g} interquartile ranges" + (
         f"; failed: trials {', '.join(map(str, failed))}" if failed else "; none failed"
     )
-    out = plain_table(f"Over {trials} trials", caption)
+    out = plain_table(f"Over {counted(trials, 'trial')}", caption)
     out.add_column("metric", overflow="fold")
     out.add_column("of", overflow="fold")
     for heading in ("5 %", "median", "95 %"):

@@ -17,6 +17,7 @@ from sim.campaign.summary import Distribution, beats_both_by_trial
 from sim.series.palette import on_light
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -37,7 +38,13 @@ def write_report(path: Path, campaign: Campaign, found: list[Distribution], poin
             axes.set_title(f"({letter}) {axes.get_title(loc='left')}", loc="left")
         figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         spread = ", ".join(key.partition(".")[2] for key in campaign.dispersion)
-        figure.text(0.01, 0.957, f"{campaign.scenario}, {campaign.trials} trials | dispersed: {spread}"[:170], fontsize=8, color="#5a6270")
+        figure.text(
+            0.01,
+            0.957,
+            f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | dispersed: {spread}"[:170],
+            fontsize=8,
+            color="#5a6270",
+        )
         write_png(figure, path)
 
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from sim.campaign.settings import Campaign
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.table_style import counted
 
 
 @contextmanager
@@ -28,5 +29,5 @@ def panels(path: Path, campaign: Campaign, count: int, columns: int, height: flo
         yield axes[:count]
         figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         place = 1.0 - 0.43 / figure.get_figheight()
-        figure.text(0.01, place, f"{campaign.scenario}, {campaign.trials} trials | {about}", fontsize=8, color="#5a6270")
+        figure.text(0.01, place, f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | {about}", fontsize=8, color="#5a6270")
         write_png(figure, path)

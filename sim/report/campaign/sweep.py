@@ -14,7 +14,7 @@ from rich.table import Table
 from sim.campaign.settings import Campaign
 from sim.report.campaign.panels import panels
 from sim.series.palette import LOOP_VARIANTS
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 COLUMNS = 3
 DASHES = ("-", "--", ":", "-.")
@@ -38,7 +38,7 @@ def tables(campaign: Campaign, rows: list[Row]) -> Iterator[Table]:
         for first in range(0, len(subjects), SUBJECTS):
             table = plain_table(
                 f"{metric}{'' if phase == 'all' else f', {phase}'} [{unit}]".replace("[", r"\["),
-                f"median (5 .. 95 %) of {campaign.trials} trials, or of n",
+                f"median (5 .. 95 %) of {counted(campaign.trials, 'trial')}, or of n",
             )
             for key in campaign.grid:
                 table.add_column(key.rpartition(".")[2], justify="right", overflow="fold")
