@@ -25,7 +25,7 @@ def _as_written(schema: Any) -> Any:
     if not isinstance(schema, dict) or schema.get("strict"):
         return schema
     if schema.get("type") == "int":
-        return core_schema.no_info_before_validator_function(_whole, {**schema, "strict": True})  # type: ignore[typeddict-item]
+        return core_schema.no_info_before_validator_function(_whole, {**schema, "strict": True})
     if schema.get("type") in _LITERAL_MINDED:
         return {**schema, "strict": True}
     return {key: part if key in ("metadata", "serialization", "default") else _as_written(part) for key, part in schema.items()}

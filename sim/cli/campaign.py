@@ -73,7 +73,7 @@ def campaign(
     store.open(resume)
     todo, corrupt = store.missing(jobs)
     if corrupt:
-        err.print(f"{corrupt} shards could not be read and are done again")
+        err.print(f"warning: {counted(corrupt, 'shard')} could not be read and will be done again", style="yellow")
     started = time.perf_counter()
     if not _fly(todo, store, engine_name, workers, scheduler):
         left = sum(job.stop - job.start for job in store.missing(jobs)[0])

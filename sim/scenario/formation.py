@@ -21,7 +21,7 @@ from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings
 from sim.scenario.graph import FormationGraph
-from sim.scenario.named_sections import Windows, check_name, check_windows
+from sim.scenario.named_sections import Windows, beyond, check_name, check_windows
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -138,6 +138,8 @@ class FormationScenario(Section):
         if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
             raise ValueError(f"run.tick_s = {self.run.tick_s:g} is not a whole number of physics steps of {self.plant.step_s:g} s")
         duration = self.run.ticks * self.run.tick_s
+        if outside := beyond(self.phases, self.run):
+            raise ValueError(f"{outside[0]}; --set phases={{}} drops all")
         check_windows(self.phases, self.run)
         check_faults(self.faults, duration, self.parts)
         for number, fault in enumerate(self.faults):

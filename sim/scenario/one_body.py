@@ -17,7 +17,7 @@ from sim.faults.parts import Parts
 from sim.plant.kinds import PlantSettings, check_masses
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
-from sim.scenario.named_sections import Observers, Windows, check_windows
+from sim.scenario.named_sections import Observers, Windows, beyond, check_windows
 from sim.scenario.references import ReferenceSettings
 from sim.scenario.run import Published, RunSettings
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
@@ -133,7 +133,8 @@ class Scenario(Section):
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
         return kind_of(self.plant).warnings(self.plant) + [
-            line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)
+            *(line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes)),
+            *(f"{line}; it counts as far as the run goes" for line in beyond(self.phases, self.run)[:1]),
         ]
 
     @property

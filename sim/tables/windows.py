@@ -49,7 +49,7 @@ def _ends(found: dict[tuple[str, str, str], Row], scenario: Scenario, trials: in
     for heading in [heading for _, heading in (*_REGION, *shown)]:
         table.add_column(heading, justify="right", no_wrap=True)
     for loop in scenario.loops:
-        cells = []
+        cells: list[str | Text] = []
         for phase, _ in _REGION:
             row = found.get((loop, "time_to_region_s", phase))
             said = printed.get(loop, {}).get(f"time_to_region_s@{phase}")
