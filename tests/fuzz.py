@@ -63,6 +63,7 @@ class Fuzzer:
         self.codes[case.kind, ended.code] += 1
         if found := complaints(ended):
             self.failures.append(self._smallest(Failure(case, arguments, found, ended)))
+            print(f"\n{self.failures[-1]}", flush=True)
 
     def _fly(self, case: Case) -> tuple[list[str], Ended]:
         place = self._folder / "case"
@@ -109,8 +110,6 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=None, help="no more than so many")
     chosen = parser.parse_args()
     fuzzer = fuzz(chosen.seed, chosen.seconds, chosen.cases)
-    for failure in fuzzer.failures:
-        print(f"\n{failure}")
     kinds = sorted({kind for kind, _ in fuzzer.codes})
     print(f"\n{sum(fuzzer.codes.values())} cases, {len(fuzzer.failures)} failures; exit codes:")
     for kind in kinds:

@@ -22,12 +22,44 @@ Edit = tuple[Any, ...]  # (how, where, what)
 
 LONG = "x" * 400
 DEEP = "[" * 4000
-WORDS = ("", " ", "[/red] x", "[bold]", "$\\frac{", "a\nb", "\x1b[31m", "../../x", "/", "nan", "ä ö 日本", LONG, "true", "loop", "truth", "_x", "-1")
+WORDS = (
+    "",
+    " ",
+    "[/red] x",
+    "[bold]",
+    "$\\frac{",
+    "a\nb",
+    "\x1b[31m",
+    "../../x",
+    "/",
+    "nan",
+    "ä ö 日本",
+    LONG,
+    "true",
+    "loop",
+    "truth",
+    "_x",
+    "-1",
+)
 NUMBERS = (
     *(0, 1, -1, 2, 3, 5, 7, 0.5, -0.5, 1e-3, 1e-9, 1e-15, 1e-300, 1e3, 1e6, 1e9, 1e15, 1e100, 1e300, -1e300),
     *(float("nan"), float("inf"), 2**31, 2**63 - 1, 2**63, 2**70, 10**30, 0.1000001, 37, 400),
 )
-SHAPES: tuple[Any, ...] = ([], {}, [[]], [1], [0.0, 0.0, 0.0], [1, 2, 3, 4], ["x"], {"a": 1}, {"type": "x"}, {"kind": 3}, {"uniform": [1, 0]}, True, False)
+SHAPES: tuple[Any, ...] = (
+    [],
+    {},
+    [[]],
+    [1],
+    [0.0, 0.0, 0.0],
+    [1, 2, 3, 4],
+    ["x"],
+    {"a": 1},
+    {"type": "x"},
+    {"kind": 3},
+    {"uniform": [1, 0]},
+    True,
+    False,
+)
 QUIET = ("--without", "report", "--without", "recording")
 SNIPPETS = (
     *("raise GeneratorExit", "raise SystemExit(7)", "raise BaseException('no')", "1 / 0", "import nowhere", "def f(:", "x = [" * 300),
@@ -273,7 +305,7 @@ def _folder(case: Case, folder: Path, sound: Path) -> list[str]:
     for edit in case.edits:
         if edit[0] == "manifest":
             path = folder / "o" / "manifest.json"
-            about = json.loads(path.read_text()) if path.is_file() else {}
+            about = _json(path)
             flat = list(_leaves(about)) if isinstance(about, dict) else []
             where = flat[int(edit[1] * len(flat))] if flat and edit[1] < 0.8 else None
             if path.is_file():
@@ -282,6 +314,14 @@ def _folder(case: Case, folder: Path, sound: Path) -> list[str]:
             files = sorted(path for path in (folder / "o").rglob("*") if path.is_file())
             _damage_in_place(files[int(edit[1] * 997) % len(files)], edit)
     return ["campaign", "campaign.toml", "--out", "o", "--workers", "1", "--resume"]
+
+
+def _json(path: Path) -> Any:
+    """What a file holds; nothing if an earlier edit has spoiled it."""
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
 
 
 def _user(case: Case, folder: Path, sound: Path) -> list[str]:

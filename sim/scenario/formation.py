@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
+from models.attitude.modified_rodrigues import to_quaternion
 from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
 from models.sections import Headline, NonNegative, Section
@@ -19,9 +20,9 @@ from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.links import Cut
 from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
-from sim.plant.kinds import FormationSettings
+from sim.plant.kinds import FormationSettings, check_tilt, filled
 from sim.scenario.graph import FormationGraph
-from sim.scenario.named_sections import Windows, beyond, check_name, check_windows
+from sim.scenario.named_sections import WindowsOfAgents, beyond, check_name, check_windows
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -37,6 +38,7 @@ STARTS: tuple[tuple[float, float, float], ...] = (
     (1.5, 1.5 * _TWO, 1.5),
     (-1.2, -1.2, -1.2 * _TWO),
 )
+INSTANTS = 2000  # of the leader's motion that are held against what the plant can follow
 RESERVED = ("truth", "leader", "all")
 
 
@@ -105,7 +107,7 @@ class FormationScenario(Section):
     observers: dict[str, ObserverSettings] = Field({}, description="by name")
     loops: dict[str, LoopSettings]
     faults: tuple[Fault, ...] = ()
-    phases: Windows = Field({}, description="windows of time with metrics of their own: [start, end] in s")
+    phases: WindowsOfAgents = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     published: Published | None = None
 
     @field_validator("loops")
@@ -114,7 +116,7 @@ class FormationScenario(Section):
         if not loops:
             raise ValueError("no loop is flown")
         for name in loops:
-            check_name(name, "a loop", RESERVED)
+            check_name(name, "a loop", ())
         return loops
 
     @field_validator("faults", mode="before")
@@ -141,6 +143,8 @@ class FormationScenario(Section):
         if outside := beyond(self.phases, self.run):
             raise ValueError(f"{outside[0]}; --set phases={{}} drops all")
         check_windows(self.phases, self.run)
+        check_tilt(self.plant, to_quaternion(self.starts), "start.mrp")
+        check_tilt(self.plant, to_quaternion(self.leader.motion(np.linspace(0.0, duration, INSTANTS))[:, :3]), "leader")
         check_faults(self.faults, duration, self.parts)
         for number, fault in enumerate(self.faults):
             if isinstance(fault, InertiaChange):
@@ -167,7 +171,7 @@ class FormationScenario(Section):
 
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
-        said = kind_of(self.plant).warnings(self.plant)
+        said = kind_of(self.plant).warnings(self.plant) + filled(self.plant, self.run.ticks * self.run.tick_s)
         if any(loop.law.acceleration_sign > 0 for loop in self.loops.values()):
             said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")
         if any(_shared_bias(fault) for fault in self.faults):

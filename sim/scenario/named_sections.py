@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import AfterValidator
@@ -41,9 +42,9 @@ def _named_tunings(observers: dict[str, ObserverSettings]) -> dict[str, Observer
     return observers
 
 
-def _in_order(windows: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+def _in_order(windows: dict[str, tuple[float, float]], reserved: tuple[str, ...] = PHASES) -> dict[str, tuple[float, float]]:
     for name, (start, end) in windows.items():
-        check_name(name, "a phase", PHASES)
+        check_name(name, "a phase", reserved)
         if not start < end:
             raise ValueError(f"{name} = [{start:g}, {end:g}]: needs start < end")
     return windows
@@ -68,3 +69,4 @@ def beyond(windows: dict[str, tuple[float, float]], run: RunSettings) -> list[st
 
 Observers = Annotated[dict[str, ObserverSettings], AfterValidator(_named_tunings)]
 Windows = Annotated[dict[str, tuple[NonNegative, Positive]], AfterValidator(_in_order)]
+WindowsOfAgents = Annotated[dict[str, tuple[NonNegative, Positive]], AfterValidator(partial(_in_order, reserved=PHASES[:1]))]
