@@ -334,6 +334,7 @@ def _user(case: Case, folder: Path, sound: Path) -> list[str]:
 
 
 def _arguments(case: Case, folder: Path, sound: Path) -> list[str]:
+    shutil.copy(sound / "campaign.toml", folder / "campaign.toml")
     words = ["run", case.base, "--set", "run.ticks=4", "--trials", "1", *QUIET]
     for _, option, value in case.edits:
         first, _, rest = option.partition(" ")
@@ -344,7 +345,7 @@ def _arguments(case: Case, folder: Path, sound: Path) -> list[str]:
         elif option.startswith("--"):
             words += [option, value]
         else:
-            target = {"crosscheck": [case.base], "view": [case.base], "campaign": [] if rest == "" else ["antenna-mapping"]}.get(first, [])
+            target = {"crosscheck": [case.base], "view": [case.base], "campaign": ["campaign.toml"] if rest else []}.get(first, [])
             words = [first, *target, *([rest] if rest else []), value]
     return words
 

@@ -63,9 +63,9 @@ def complaints(ended: Ended) -> list[str]:
     lines = [line for line in ended.err.splitlines() if line.strip()]
     errors = [line for line in lines if not line.startswith("warning: ")]
     found = []
-    if ended.code == HUNG:
+    if ended.code == HUNG and "take at least" not in ended.err:  # who is told that it takes hours can wait or not
         found.append("hangs")
-    elif ended.code not in EXITS:
+    elif ended.code not in (*EXITS, HUNG):
         found.append(f"exit code {ended.code}")
     if "Traceback (most recent call last)" in ended.err:
         found.append("traceback")

@@ -50,7 +50,7 @@ class FormationNacsParameters(PlantParameters):
         "um",
         "chosen: each balanced by itself, slightly bottom-heavy (Chesi et al. 2014 reach a few um)",
     )
-    repeat: Annotated[int, Field(ge=1)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
+    repeat: Annotated[int, Field(ge=1, le=100)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
     torque_limit_nm: Positive = known(
         0.02, "about each body axis", "N m", "chosen: about all three at once the pyramid's drives can give 0.0207 N m at 2 A"
     )

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from sim import toml_text
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.draws import check
 from sim.campaign.settings import Campaign
 from sim.scenario.validation import first_error
@@ -33,9 +34,11 @@ def load(path: Path) -> Campaign:
         campaign = Campaign.model_validate(data)
     except ValidationError as invalid:
         raise BadInput(f"{path}: {first_error(invalid, data, Campaign)}") from None
-    for point in range(len(campaign.points)):
+    for point in range(campaign.size):
         try:
             base = campaign.at(point)
+            if point == 0:
+                cost.check(base, campaign.trials * campaign.size, kept=False)
         except BadInput as wrong:
             raise BadInput(f"{path}: {wrong}") from None
         check(campaign, base, path)

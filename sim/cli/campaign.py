@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import ValidationError
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.draws import banded
 from sim.campaign.engines import engine
 from sim.campaign.file import CAMPAIGNS, load, located
@@ -34,6 +36,7 @@ from sim.cli.terminal import INTERRUPTED, err, out, output_folder
 from sim.metrics.results import versions
 from sim.outputs.recording import how_to_open
 from sim.scenario import files
+from sim.scenario.validation import first_error
 from sim.table_style import counted
 from sim.tables import one_body as tables
 from sim.toml_text import is_there
@@ -65,7 +68,7 @@ def campaign(
         raise BadInput(f"--engine {engine_name}: must be local or dask")
     if resume and folder is None:
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
-    loaded = _load(file, trials, seed, shard)
+    loaded = _load(file, trials, seed, shard, workers)
     target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False)
     scenarios = [json.dumps(files.dumped(loaded.at(point))) for point in range(len(loaded.points))]
     jobs = _jobs(loaded, scenarios)
@@ -82,7 +85,7 @@ def campaign(
     _conclude(loaded, jobs, store, time.perf_counter() - started)
 
 
-def _load(file: str, trials: int | None, seed: int | None, shard: int | None) -> Campaign:
+def _load(file: str, trials: int | None, seed: int | None, shard: int | None, workers: int) -> Campaign:
     path = located(file)
     if not file.endswith(".toml") and not is_there(path):
         raise BadInput(
@@ -92,7 +95,13 @@ def _load(file: str, trials: int | None, seed: int | None, shard: int | None) ->
     changes = {key: value for key, value in (("trials", trials), ("seed", seed), ("shard", shard)) if value is not None}
     if any(value < (0 if key == "seed" else 1) for key, value in changes.items()):
         raise BadInput(f"--trials and --shard must be at least 1, --seed at least 0 (got {changes})")
-    return Campaign.model_validate(loaded.model_dump() | changes)
+    try:
+        changed = Campaign.model_validate(loaded.model_dump() | changes)
+    except ValidationError as invalid:
+        raise BadInput(f"{file}: {first_error(invalid, changes, Campaign)}") from None
+    for line in cost.check(changed.at(0), changed.trials * changed.size, workers, kept=False):
+        err.print(f"warning: {line}", style="yellow")
+    return changed
 
 
 def _jobs(loaded: Campaign, scenarios: list[str]) -> list[Job]:

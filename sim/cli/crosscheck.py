@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out, output_folder
 from sim.crosscheck import agents
 from sim.crosscheck.divergence import thresholds
@@ -54,6 +55,7 @@ def crosscheck(
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     whole = load(name, trials, seed, overrides)
+    cost.check(whole, trials)
     if whole.family in agents.FAMILIES:
         if model or limits:
             raise BadInput(f"--{'model' if model else 'threshold'}: is for one body; of several agents all models are shown")

@@ -12,6 +12,7 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.blocks import cut, simulate_all
 from sim.campaign.draws import own
 from sim.campaign.file import is_campaign, located
@@ -83,6 +84,7 @@ def run(
     loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, user_code.names)
     if source and only_trial is not None:
         loaded = own(source, loaded, only_trial)
+    slow = cost.check(loaded, loaded.run.trials if only_trial is None else 1, workers)
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
@@ -96,7 +98,7 @@ def run(
         raise BadInput(f"{option} the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
     user_code.check(surroundings(loaded), names_taken(loaded))
-    for warning in loaded.warnings():
+    for warning in [*loaded.warnings(), *slow]:
         err.print(f"warning: {warning}", style="yellow")
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out
 from sim.loop.motion import motion
 from sim.plant.batch import SimulationFailed
@@ -22,6 +23,7 @@ def view(
 ) -> None:
     """Fly the first trial of a scenario in MuJoCo's own viewer, in real time; several agents are simulated first, then shown."""
     loaded: Any = load(name, 1, seed, overrides)
+    cost.check(loaded, 1)
     loops = list(loaded.loop_names)
     chosen = loops[0] if loop is None else loop
     if chosen not in loops:

@@ -50,7 +50,8 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
     names, kinds = np.asarray(bands["observer"]), np.asarray(bands["quantity"])
     pairs = list(dict.fromkeys(zip(kinds, names, strict=True)))
     colours = on_dark(dict.fromkeys(str(name) for name in names if name != "loop")) | {"loop": REFERENCE}
-    start, end = (rr.TimeRangeBoundary.absolute(seconds=dt * float(tick)) for tick in (0, np.asarray(bands["tick"]).max()))
+    last = np.asarray(bands["tick"]).max(initial=0)  # nothing if all trials failed
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=dt * float(tick)) for tick in (0, last))
     views = [
         rrb.TimeSeriesView(
             origin=f"/{kind}",

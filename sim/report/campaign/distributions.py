@@ -11,7 +11,7 @@ from rich.table import Table
 
 from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution
-from sim.report.campaign.panels import panels
+from sim.report.campaign.panels import legend, panels
 from sim.series.palette import on_light
 from sim.table_style import counted, number, plain_table
 
@@ -56,7 +56,7 @@ def _spread(axes: Axes, metric: str, some: list[Distribution]) -> None:
     if low > 0 and high > 20 * low:
         axes.set_xscale("log")
     axes.set(title=metric, xlabel=f"[{some[0].unit}]", ylabel="trials with less [%]")
-    axes.legend(fontsize=6)
+    legend(axes, fontsize=6)
 
 
 def table(found: list[Distribution], failed: list[int], trials: int) -> Table:

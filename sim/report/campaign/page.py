@@ -14,6 +14,7 @@ from scipy.stats import binomtest
 
 from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution, beats_both_by_trial
+from sim.report.campaign.panels import legend
 from sim.series.palette import on_light
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
@@ -59,7 +60,7 @@ def _errors(axes: Axes, found: list[Distribution]) -> None:
             values = np.sort(1e3 * d.values)
             axes.plot(values, 100.0 * (np.arange(len(values)) + 0.5) / len(values), color=_color(d.subject), label=d.subject, lw=1.5)
     axes.set(title="Rate error against the truth", xlabel="sum of RMSE over the components [mrad/s]", ylabel="trials with less [%]")
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")
 
 
 def _who_wins(axes: Axes, campaign: Campaign, found: list[Distribution]) -> None:
@@ -87,7 +88,7 @@ def _who_wins(axes: Axes, campaign: Campaign, found: list[Distribution]) -> None
     axes.axhspan(100 * interval.low, 100 * interval.high, color="#1b4f9c", alpha=0.15, lw=0)
     axes.axhline(100 * wins.mean(), color="#1b4f9c", lw=1.0, ls="--", label=f"all: {100 * wins.mean():.1f} %")
     axes.set_ylim(min(90.0, axes.get_ylim()[0]), 101.0)
-    axes.legend(loc="lower left", ncols=2)
+    legend(axes, loc="lower left", ncols=2)
 
 
 def _delays(axes: Axes, found: list[Distribution]) -> None:
@@ -101,7 +102,7 @@ def _delays(axes: Axes, found: list[Distribution]) -> None:
             )
     axes.set(title="Detection delay", xlabel="delay [s]", ylabel="trials that have declared [%]", xscale="log", ylim=(0, 101))
     axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")
 
 
 def _characteristic(axes: Axes, point: dict[str, Any]) -> None:
@@ -123,4 +124,4 @@ def _characteristic(axes: Axes, point: dict[str, Any]) -> None:
         xlim=(-2, 102),
         ylim=(-2, 102),
     )
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -31,3 +32,9 @@ def panels(path: Path, campaign: Campaign, count: int, columns: int, height: flo
         place = 1.0 - 0.43 / figure.get_figheight()
         figure.text(0.01, place, f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | {about}", fontsize=8, color="#5a6270")
         write_png(figure, path)
+
+
+def legend(axes: Axes, **look: Any) -> None:
+    """A legend, if anything was drawn that it could name."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**look)
