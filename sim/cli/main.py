@@ -9,6 +9,7 @@ import warnings
 from importlib.metadata import version
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.table import Table
 from rich.text import Text
@@ -115,6 +116,10 @@ def in_words(wrong: Exception) -> tuple[int, str]:
         return FAILED, f"{place}{wrong.strerror or wrong}"
     if isinstance(wrong, MemoryError):
         return FAILED, "out of memory; fewer trials, ticks, recorded trials or workers need less"
+    if isinstance(wrong, OverflowError):  # NumPy's numbers become infinite, those of the settings refuse to
+        return BAD_INPUT, "a number of the input, or its square, is beyond what can be computed with"
+    if isinstance(wrong, np.linalg.LinAlgError):
+        return FAILED, f"numeric failure: {wrong}"
     if isinstance(wrong, RecursionError):
         return BAD_INPUT, "something that was read is nested too deeply"
     if isinstance(wrong, SimulationFailed | LostDefiniteness):

@@ -132,6 +132,8 @@ def override(data: dict[str, Any], key: str, value: Any) -> None:
     *parents, last = key.split(".")
     if not all(part.strip() for part in (*parents, last)):
         raise BadInput(f"--set {key}: a name is empty")
+    if set(key) & set("\"'"):
+        raise BadInput(f"--set {key}: names are not quoted here")
     for part in parents:
         node = _element(node, part, key) if isinstance(node, list) else node.setdefault(part, {})
         if not isinstance(node, dict | list):
