@@ -347,7 +347,7 @@ def _arguments(case: Case, folder: Path, sound: Path) -> list[str]:
         elif option.startswith("--"):
             words += [option, value]
         else:
-            target = {"crosscheck": [case.base], "view": [case.base], "campaign": ["campaign.toml"] if rest else []}.get(first, [])
+            target = {"crosscheck": [case.base, "--set", "run.ticks=12"], "view": [case.base], "campaign": ["campaign.toml"] if rest else []}.get(first, [])
             words = [first, *target, *([rest] if rest else []), value]
     return words
 

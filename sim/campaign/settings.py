@@ -71,16 +71,14 @@ class Campaign(Section):
     @model_validator(mode="after")
     def _says_everything_once(self) -> Campaign:
         sections = {"override": self.override, "dispersion": self.dispersion, "grid": self.grid}
-        said: dict[str, str] = {}
         for section, keys in sections.items():
             for key in keys:
                 if not all(part.strip() for part in key.split(".")):
                     raise ValueError(f"{section}.{key}: a name is empty")
                 if key in ("run.seed", "run.trials"):
                     raise ValueError(f"{section}.{key}: is the campaign's own, {key.removeprefix('run.')} = ... before all sections")
-                if key in said:
-                    raise ValueError(f"{section}.{key}: is under [{said[key]}] too; give it once")
-                said[key] = section
+        if twice := [key for key in self.grid if key in self.dispersion]:
+            raise ValueError(f"grid.{twice[0]}: is under [dispersion] too; give it once")
         if empty := [key for key, values in self.grid.items() if not values]:
             raise ValueError(f"grid.{empty[0]}: is empty; list the values that are to be tried")
         if self.size > MOST_POINTS:
