@@ -132,6 +132,8 @@ def _edit(kind: str, base: str, rng: random.Random) -> Edit:
         path = rng.choice(paths)
         how = rng.choice(("put", "put", "put", "scale", "drop", "rename", "add"))
         value = rng.choice((rng.choice(NUMBERS), rng.choice(WORDS), copy.deepcopy(rng.choice(SHAPES))))
+        if how in ("drop", "rename") and {"run", "override", "ticks", "run.ticks"} & {path[-1]}:
+            how = "put"  # a whole flight is possible, and takes its time
         if how == "scale" or kind == "set":
             how = "put"
             old = _at(data, path)
@@ -347,7 +349,11 @@ def _arguments(case: Case, folder: Path, sound: Path) -> list[str]:
         elif option.startswith("--"):
             words += [option, value]
         else:
-            target = {"crosscheck": [case.base, "--set", "run.ticks=12"], "view": [case.base], "campaign": ["campaign.toml"] if rest else []}.get(first, [])
+            target = {
+                "crosscheck": [case.base, "--set", "run.ticks=12"],
+                "view": [case.base],
+                "campaign": ["campaign.toml"] if rest else [],
+            }.get(first, [])
             words = [first, *target, *([rest] if rest else []), value]
     return words
 

@@ -102,7 +102,7 @@ def test_a_corrupt_shard_is_done_again(nacs, file: Path, tmp_path: Path) -> None
     shard.write_bytes(shard.read_bytes()[:100])
     result = nacs("campaign", file, "--out", "it", "--workers", 1, "--resume")
     assert result.code == 0
-    assert "1 shards could not be read" in result.err
+    assert "1 shard could not be read" in result.err
     assert rows(tmp_path / "it").equals(before)
 
 
