@@ -123,6 +123,14 @@ def cholesky(matrix: Array) -> Array:
     return root
 
 
+def weighted(covariance: Array, right: Array) -> Array:
+    """Inverse of covariances (..., n, n) times `right` (..., n, m); raises LostDefiniteness naming the first that has none."""
+    try:
+        return np.linalg.solve(covariance, right)
+    except np.linalg.LinAlgError:
+        raise LostDefiniteness(_first_lost(covariance)) from None
+
+
 def _first_lost(matrix: Array) -> tuple[int, ...]:
     """Index of the first matrix without a Cholesky factor; one by one, since it ends a run."""
     for index in np.ndindex(matrix.shape[:-2]):

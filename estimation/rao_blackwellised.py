@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.block_reading import Block, BlockReading, linear_reading, linearised_reading
-from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
+from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize, weighted
 from estimation.particle import moments
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
 from models.dynamics.measurement import MeasurementModel
@@ -221,7 +221,7 @@ def _look_ahead(joint: Joint, reading: BlockReading, normals: Array) -> tuple[Ar
         shared, predicted = shared + other, predicted + _times(by_conditional, joint.conditional)
     residual = np.where(missing, 0.0, value - predicted)
     innovation = symmetrize(innovation)
-    gain = np.linalg.solve(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
+    gain = weighted(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
     left = symmetrize(joint.spread - gain @ shared.swapaxes(-1, -2))
     root = cholesky(left)
     drawn = joint.sampled + _times(gain, residual) + _times(root, normals)
@@ -253,7 +253,7 @@ def _correct(
     """Kalman's correction of every Gaussian in Joseph's form, and the log density of its residual."""
     shared = covariance @ by_conditional.swapaxes(-1, -2)
     innovation = symmetrize(by_conditional @ shared + noise)
-    gain = np.linalg.solve(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
+    gain = weighted(innovation, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
     keep = np.eye(mean.shape[-1]) - gain @ by_conditional
     after = symmetrize(keep @ covariance @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2))
     return mean + _times(gain, residual), after, _log_density(residual, innovation, missing)

@@ -24,6 +24,7 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     """The command, run in an empty folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv(cli.SHOW_TRACEBACK, "1")  # what nobody expected fails a test with all that is known of it
 
     def call(*arguments: object) -> Outcome:
         for console in (terminal.out, terminal.err):  # they may have been made where COLUMNS was another

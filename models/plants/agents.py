@@ -33,7 +33,7 @@ class AgentsParameters(PlantParameters):
     """Every number of the agents; `json_schema_extra` of a field holds its unit and provenance."""
 
     type: Literal["agents"] = "agents"
-    agents: Annotated[int, Field(ge=1)] = known(
+    agents: Annotated[int, Field(ge=1, le=1000)] = known(
         6, "how many; of lists that are shorter the numbers come over again", "1", "published (sec. 5.3)"
     )
     mass_kg: Positive = known(1.0, "of each agent", "kg", "published (eq. 5.1, 5.2: acceleration is force)")

@@ -60,7 +60,7 @@ class FormationParameters(PlantParameters):
         "kg m2",
         "published (table 4.3): without products; J1_yy is the corrected one too, but for published",
     )
-    repeat: Annotated[int, Field(ge=1)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
+    repeat: Annotated[int, Field(ge=1, le=100)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
     torque_limit_nm: Positive = known(0.1, "about each body axis", "N m", "published (sec. 4.3)")
     mass_kg: Positive = known(25.0, "of each", "kg", "chosen: no matter for attitude")
     apart_m: Positive = known(2.1, "from one to the next on their ring", "m", "chosen: so that a person sees each; no matter for attitude")

@@ -15,7 +15,7 @@ from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
 from models.dynamics.state_layout import StateLayout
 from models.plants.assembly import Assembly, ImpossibleInertia, Prepared
 from models.plants.formation import colour
-from models.plants.nacs import WHEELS, NacsParameters, air_torque, drive_errors, held_masses, prepare_nacs
+from models.plants.nacs import TILT_LIMIT_DEG, WHEELS, NacsParameters, air_torque, drive_errors, held_masses, prepare_nacs
 from models.plants.provenance import known
 from models.plants.register.kind import PlantKind
 from models.plants.register.parameters import PlantParameters
@@ -50,7 +50,7 @@ class FormationNacsParameters(PlantParameters):
         "um",
         "chosen: each balanced by itself, slightly bottom-heavy (Chesi et al. 2014 reach a few um)",
     )
-    repeat: Annotated[int, Field(ge=1)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
+    repeat: Annotated[int, Field(ge=1, le=100)] = known(1, "how often the rows above are taken, one after the other", "-", "chosen")
     torque_limit_nm: Positive = known(
         0.02, "about each body axis", "N m", "chosen: about all three at once the pyramid's drives can give 0.0207 N m at 2 A"
     )
@@ -231,6 +231,9 @@ PLANT_KIND = PlantKind(
     layout=lambda parameters: StateLayout.by_rodrigues(parameters.agents),
     drives=lambda parameters: drive_errors(parameters.testbed),
     air=lambda parameters: air_torque(parameters.testbed),
+    tilt_limit_deg=TILT_LIMIT_DEG,
+    no_load_speed=lambda parameters: parameters.testbed.no_load_speed,
+    filled_s=lambda parameters: min(testbed.filled_s for testbed in parameters.testbeds),
     holds=lambda parameters: {
         name: place for prefix in _prefixes(parameters) for name, place in held_masses(parameters.testbed, prefix).items()
     },

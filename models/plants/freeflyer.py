@@ -20,7 +20,7 @@ from models.plants.assembly import Assembly, Carrier, Prepared, assemble, prepar
 from models.plants.provenance import known
 from models.plants.register.kind import PlantKind
 from models.plants.register.parameters import PlantParameters
-from models.plants.wheels import FRICTIONS, alike, attached, crossed, joints_of, mount, pyramid
+from models.plants.wheels import FRICTIONS, alike, attached, check_wheel, crossed, joints_of, mount, pyramid
 from models.sections import NonNegative, Positive, Sextuple
 
 Array = NDArray[np.floating]
@@ -72,6 +72,7 @@ class FreeflyerParameters(PlantParameters):
     def _something_is_left_of_the_hull(self) -> Self:
         if 4 * self.wheel_mass_kg >= self.mass_kg:
             raise ValueError(f"mass_kg = {self.mass_kg:g} must exceed that of four wheels together")
+        check_wheel(self)
         return self
 
     @cached_property

@@ -22,7 +22,7 @@ from models.plants.assembly import Assembly, Carrier, Prepared, assemble, prepar
 from models.plants.provenance import known
 from models.plants.register.kind import AirTorque, DriveErrors, Joint, Learnable, PlantKind
 from models.plants.register.parameters import PlantParameters
-from models.plants.wheels import FRICTIONS, alike, joints_of, mount, pyramid
+from models.plants.wheels import FRICTIONS, alike, check_wheel, joints_of, mount, pyramid
 from models.sections import NonNegative, Positive, Sextuple
 
 Array = NDArray[np.floating]
@@ -38,7 +38,10 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {
     "printed": (0.021867, 0.172994, 0.0316484, -0.001532, -0.000631, -0.000781),
 }
 
+TILT_LIMIT_DEG = 30.0  # where the plate meets the dome of nacs.xml
+
 Vector3 = tuple[float, float, float]
+OnRail = Annotated[float, Field(ge=-40, le=40)]  # mm, between the stops of nacs.xml
 
 
 class NacsParameters(PlantParameters):
@@ -64,7 +67,9 @@ class NacsParameters(PlantParameters):
         "chosen: well balanced, slightly bottom-heavy (Chesi et al. 2014 reach a few um)",
     )
     balance_mass_kg: Positive = known(0.05, "each of three sliding masses", "kg", "chosen")
-    balance_position_mm: Vector3 = known((0.0, 0.0, 0.0), "set-points of the masses on their rails", "mm", "chosen; travel +-40 mm")
+    balance_position_mm: tuple[OnRail, OnRail, OnRail] = known(
+        (0.0, 0.0, 0.0), "set-points of the masses on their rails", "mm", "chosen; travel +-40 mm"
+    )
     motor_constant_nm_a: Positive = known(
         0.01404, "torque per current = back-EMF per speed", "N m/A = V s/rad", "chosen: no-load speed 8000 rpm at the usable supply voltage"
     )
@@ -102,6 +107,7 @@ class NacsParameters(PlantParameters):
             raise ValueError(f"step_s = {self.step_s:g}: wheel imbalance shakes at wheel speed and needs step_s <= 0.0005")
         if 4 * self.wheel_mass_kg + 3 * self.balance_mass_kg >= self.mass_kg:
             raise ValueError(f"mass_kg = {self.mass_kg:g} must exceed that of four wheels and three balance masses together")
+        check_wheel(self)
         return self
 
     @cached_property
@@ -129,6 +135,14 @@ class NacsParameters(PlantParameters):
     def no_load_speed(self) -> float:
         """Speed at which back-EMF has used up the supply voltage, rad/s."""
         return self.supply_voltage_v / self.motor_constant_nm_a
+
+    @property
+    def filled_s(self) -> float:
+        """Time after which gravity on the centre of mass has run the wheels of a level testbed that holds its attitude to no-load speed."""
+        x, y, _ = self.centre_of_mass
+        torque = self.mass_kg * self.gravity_m_s2 * np.array([-y, x, 0.0])
+        share = float(np.max(np.abs(np.linalg.pinv(self.wheel_axes) @ torque)))
+        return self.wheel_inertia_kg_m2 * self.no_load_speed / share if share > 0 else np.inf
 
     def process(
         self, coupled: bool = False, gyroscopic_sign: float = -1.0, wheel_drag: bool = False, fault: WheelFault | None = None
@@ -261,6 +275,9 @@ PLANT_KIND = PlantKind(
     air=air_torque,
     holds=held_masses,
     joints=_joints,
+    tilt_limit_deg=TILT_LIMIT_DEG,
+    no_load_speed=lambda parameters: parameters.no_load_speed,
+    filled_s=lambda parameters: parameters.filled_s,
     dispersible=(
         "inertia_kg_m2",
         "centre_of_mass_um",

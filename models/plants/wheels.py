@@ -82,6 +82,13 @@ class WheelParameters(Protocol):
         ...
 
 
+def check_wheel(parameters: WheelParameters) -> None:
+    """Raise ValueError if no wheel has such moments: that about the axis is at most twice that across it, of a disc without thickness."""
+    along, across = parameters.wheel_inertia_kg_m2, parameters.wheel_transverse_inertia_kg_m2
+    if along > 2.0 * across:
+        raise ValueError(f"wheel_inertia_kg_m2 = {along:g} must not exceed twice wheel_transverse_inertia_kg_m2 = {across:g}")
+
+
 def joints_of(names: Sequence[str], parameters: WheelParameters) -> dict[str, Joint]:
     """What resists in the bearings of these wheels, all alike."""
     return dict.fromkeys(names, Joint(dry_friction=parameters.wheel_coulomb_nm, damping=parameters.wheel_viscous_nms))

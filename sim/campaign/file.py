@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from sim import toml_text
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.draws import check
 from sim.campaign.settings import Campaign
-from sim.scenario.one_body import Scenario
 from sim.scenario.validation import first_error
 
 CAMPAIGNS = Path(__file__).with_name("campaigns")
@@ -21,12 +21,9 @@ _DISTRIBUTIONS = {"constant", "uniform", "normal", "log_uniform", "choice"}
 
 def load(path: Path) -> Campaign:
     """Read and check a campaign file with all its points; raises BadInput."""
-    if not path.is_file():
+    if not toml_text.is_there(path):
         raise BadInput(f"no campaign file {path}")
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as broken:
-        raise BadInput(f"{path}: cannot be read as TOML: {broken}") from None
+    data = toml_text.read(path, str(path))
     for section in ("override", "dispersion", "grid"):
         if isinstance(data.get(section), dict):
             data[section] = dict(_flat(data[section], section))
@@ -36,10 +33,12 @@ def load(path: Path) -> Campaign:
     try:
         campaign = Campaign.model_validate(data)
     except ValidationError as invalid:
-        raise BadInput(f"{path}: {first_error(invalid, data, Scenario)}") from None
-    for point in range(len(campaign.points)):
+        raise BadInput(f"{path}: {first_error(invalid, data, Campaign)}") from None
+    for point in range(campaign.size):
         try:
             base = campaign.at(point)
+            if point == 0:
+                cost.check(base, campaign.trials * campaign.size, kept=False)
         except BadInput as wrong:
             raise BadInput(f"{path}: {wrong}") from None
         check(campaign, base, path)
@@ -47,14 +46,19 @@ def load(path: Path) -> Campaign:
 
 
 def is_campaign(name: str) -> bool:
-    """Whether a name on the command line is that of a campaign file: one that names a scenario instead of being one."""
-    path = Path(name)
-    if path.suffix != ".toml" or not path.is_file():
+    """Whether a name on the command line is that of a campaign: a file that names a scenario instead of being one."""
+    path = located(name)
+    if not toml_text.is_there(path):
         return False
     try:
-        return "scenario" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+        return "scenario" in toml_text.read(path, name)
+    except BadInput:  # a scenario file until it can be read
         return False
+
+
+def located(name: str) -> Path:
+    """File of a campaign by path, or by the name of one that comes with the twin; whether there is one or not."""
+    return Path(name) if name.endswith(".toml") else CAMPAIGNS / f"{name.removeprefix('campaigns/')}.toml"
 
 
 def _flat(node: dict[str, Any], section: str, prefix: str = "") -> list[tuple[str, Any]]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from fnmatch import translate
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from models.sections import Section
+from models.sections import Headline, Section, Seed
 from sim.draws import Number
 from sim.scenario import files
 from sim.scenario.files import AnyScenario
@@ -49,12 +50,15 @@ HEADLINES = (  # of all kinds of scenario; each has some of them
 )
 
 
+MOST_POINTS = 10_000  # to read and check one takes some hundredths of a second
+
+
 class Campaign(Section):
     """One campaign file."""
 
-    title: str
+    title: Headline
     scenario: str = Field(description="family/name, or a path to a scenario file")
-    seed: Annotated[int, Field(ge=0)]
+    seed: Seed
     trials: Annotated[int, Field(ge=1)] = Field(description="trials at every point of the grid")
     shard: Annotated[int, Field(ge=1)] = Field(50, description="trials that are simulated together; no result depends on it")
     design: Literal["random", "latin-hypercube", "sobol"] = "random"
@@ -64,9 +68,33 @@ class Campaign(Section):
     dispersion: dict[str, Number] = Field({}, description="scenario keys that are drawn anew in every trial")
     grid: dict[str, tuple[Any, ...]] = Field({}, description="scenario keys whose values are all tried, crossed with the trials")
 
+    @model_validator(mode="after")
+    def _says_everything_once(self) -> Campaign:
+        sections = {"override": self.override, "dispersion": self.dispersion, "grid": self.grid}
+        for section, keys in sections.items():
+            for key in keys:
+                if not all(part.strip() for part in key.split(".")):
+                    raise ValueError(f"{section}.{key}: a name is empty")
+                if key in ("run.seed", "run.trials"):
+                    raise ValueError(f"{section}.{key}: is the campaign's own, {key.removeprefix('run.')} = ... before all sections")
+        if twice := [key for key in self.grid if key in self.dispersion]:
+            raise ValueError(f"grid.{twice[0]}: is under [dispersion] too; give it once")
+        if empty := [key for key, values in self.grid.items() if not values]:
+            raise ValueError(f"grid.{empty[0]}: is empty; list the values that are to be tried")
+        if self.size > MOST_POINTS:
+            raise ValueError(
+                f"grid: has {self.size} points of {self.trials} trials each; at most {MOST_POINTS} points can be read and kept"
+            )
+        return self
+
+    @property
+    def size(self) -> int:
+        """How many points the grid has."""
+        return math.prod(len(values) for values in self.grid.values())
+
     @cached_property
     def points(self) -> list[dict[str, Any]]:
-        """AnyScenario of each point of the grid."""
+        """Settings of each point of the grid."""
         return [dict(zip(self.grid, values, strict=True)) for values in itertools.product(*self.grid.values())]
 
     @cached_property
@@ -82,6 +110,14 @@ class Campaign(Section):
         """The scenario at a point of the grid; raises BadInput."""
         return files.load(self.scenario, self.changes(point))
 
+    def _point(self, number: int) -> dict[str, Any]:
+        """Settings of a point, without those of all others."""
+        settings = {}
+        for key, values in reversed(self.grid.items()):
+            number, place = divmod(number, len(values))
+            settings[key] = values[place]
+        return {key: settings[key] for key in self.grid}
+
     def changes(self, point: int) -> dict[str, Any]:
         """What that scenario has instead of what its file says."""
-        return self.override | self.points[point] | {"run.seed": self.seed, "run.trials": self.trials}
+        return self.override | self._point(point) | {"run.seed": self.seed, "run.trials": self.trials}

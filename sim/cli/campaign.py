@@ -11,14 +11,16 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from pydantic import ValidationError
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.draws import banded, check_draws
 from sim.campaign.engines import Engine, SchedulerLost, engine
-from sim.campaign.file import CAMPAIGNS, load
+from sim.campaign.file import CAMPAIGNS, load, located
 from sim.campaign.settings import Campaign
 from sim.campaign.shard import Job, fly
 from sim.campaign.shard_files import BANDS, CONSISTENCY, DamagedShard
@@ -40,7 +42,10 @@ from sim.metrics.results import versions, write_json
 from sim.outputs.recording import how_to_open
 from sim.processor import described
 from sim.scenario import files
+from sim.scenario.validation import first_error
+from sim.table_style import counted
 from sim.tables import one_body as tables
+from sim.toml_text import is_there
 from sim.whole_file import NotWritten
 
 BASELINES = ("ekf", "sif")
@@ -75,7 +80,7 @@ def campaign(
         raise BadInput(f"--engine {engine_name}: must be local or dask")
     if resume and folder is None:
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
-    loaded = _load(file, trials, seed, shard)
+    loaded = _load(file, trials, seed, shard, workers)
     target = folder if resume and folder else output_folder(folder, f"campaigns/{Path(file).stem}", False, WAY_ON)
     bases = [loaded.at(point) for point in range(len(loaded.points))]
     scenarios = [json.dumps(files.dumped(base)) for base in bases]
@@ -112,9 +117,9 @@ def campaign(
         _conclude(loaded, jobs, store, time.perf_counter() - started, again)
 
 
-def _load(file: str, trials: int | None, seed: int | None, shard: int | None) -> Campaign:
-    path = Path(file) if file.endswith(".toml") else CAMPAIGNS / f"{file}.toml"
-    if not file.endswith(".toml") and not path.is_file():
+def _load(file: str, trials: int | None, seed: int | None, shard: int | None, workers: int) -> Campaign:
+    path = located(file)
+    if not file.endswith(".toml") and not is_there(path):
         raise BadInput(
             f"no campaign {file!r}; there are {', '.join(sorted(p.stem for p in CAMPAIGNS.glob('*.toml')))}, or give a .toml file"
         )
@@ -122,7 +127,13 @@ def _load(file: str, trials: int | None, seed: int | None, shard: int | None) ->
     changes = {key: value for key, value in (("trials", trials), ("seed", seed), ("shard", shard)) if value is not None}
     if any(value < (0 if key == "seed" else 1) for key, value in changes.items()):
         raise BadInput(f"--trials and --shard must be at least 1, --seed at least 0 (got {changes})")
-    return Campaign.model_validate(loaded.model_dump() | changes)
+    try:
+        changed = Campaign.model_validate(loaded.model_dump() | changes)
+    except ValidationError as invalid:
+        raise BadInput(f"{file}: {first_error(invalid, changes, Campaign)}") from None
+    for line in cost.check(changed.at(0), changed.trials * changed.size, workers, kept=False):
+        err.print(f"warning: {line}", style="yellow")
+    return changed
 
 
 def _jobs(loaded: Campaign, scenarios: list[str]) -> list[Job]:
@@ -228,7 +239,7 @@ def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, result
     for number, said in enumerate(points if together else []):
         out.print(tables.campaign([row for row in rows if row["point"] == number], said))
     flown = len(loaded.points) * loaded.trials
-    out.print(f"\n{flown} trials in {wall:.0f} s; largest process {peak:.0f} MiB")
+    out.print(f"\n{counted(flown, 'trial')} in {wall:.0f} s; largest process {peak:.0f} MiB")
     if "mixed_processors" in processors:
         out.print(f"Processors {'; '.join(map(str, store.processors))}: {processors['mixed_processors']}")
     if "report.png" in results:

@@ -9,8 +9,10 @@ from typing import Annotated, Any
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out, output_folder
 from sim.crosscheck import agents
@@ -23,6 +25,7 @@ from sim.outputs.recording import how_to_open
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
+from sim.table_style import counted
 from sim.tables.crosscheck import tables
 from sim.tables.crosscheck_agents import divergence
 
@@ -53,6 +56,7 @@ def crosscheck(
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     whole = load(name, trials, seed, overrides)
+    cost.check(whole, trials)
     if whole.family in agents.FAMILIES:
         if model or limits:
             raise BadInput(f"--{'model' if model else 'threshold'}: is for one body; of several agents all models are shown")
@@ -87,7 +91,7 @@ def crosscheck(
         _write(files, name, loaded, found, wall)
         if overwrite:
             files.remove_others(FILES)
-    out.print(f"[bold]Cross-check of {chosen.name}[/] with {name}: {loaded.title}\n")
+    out.print(Text.assemble((f"Cross-check of {chosen.name}", "bold"), f" with {name}: {loaded.title}\n"))
     for table in tables(found):
         out.print(table)
     if PICTURE in files:
@@ -112,7 +116,7 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     try:
-        with interrupted_as("nothing was written"), err.status(f"flying {loaded.run.trials} trials and their models"):
+        with interrupted_as("nothing was written"), err.status(f"flying {counted(loaded.run.trials, 'trial')} and their models"):
             found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
     except SimulationFailed as failure:
         err.print(f"error: {failure}; nothing was written")
@@ -132,7 +136,7 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
         files.write(PICTURE, lambda path: write_agents_picture(path, name, found))
         if overwrite:
             files.remove_others(FILES)
-    out.print(f"[bold]Cross-check of {name}[/]: {loaded.title}\n")
+    out.print(Text.assemble((f"Cross-check of {name}", "bold"), f": {loaded.title}\n"))
     out.print(divergence(found))
     if PICTURE in files:
         out.print(f"Picture    {target / PICTURE}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from math import prod
 from typing import Annotated, Any
 
@@ -12,11 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from models.plants.register.entries import kind_of
+from sim import toml_text
 from sim.bad_input import BadInput
 from sim.campaign.file import CAMPAIGNS
 from sim.cli.terminal import out
 from sim.scenario import catalogue, files
 from sim.scenario.catalogue import SCENARIOS
+from sim.table_style import counted
 
 CAMPAIGN = "campaigns"
 SAID_OF_CAMPAIGNS = "many trials, dispersed or over a grid; `nacs campaign NAME` flies one"
@@ -82,7 +83,7 @@ def _of_scenario(name: str) -> dict[str, str]:
         "title": found.title,
         "source": found.source,
         "plant": plant if agents is None else f"{plant}, {agents} agents",
-        "run": f"{run.trials} trial{'s' if run.trials > 1 else ''} of {run.ticks * run.tick_s:g} s, a tick every {run.tick_s:g} s",
+        "run": f"{counted(run.trials, 'trial')} of {run.ticks * run.tick_s:g} s, a tick every {run.tick_s:g} s",
     }
     if found.loops:
         rows["loops"] = ", ".join(found.loops)
@@ -95,12 +96,12 @@ def _of_scenario(name: str) -> dict[str, str]:
 
 def _of_campaign(name: str) -> dict[str, str]:
     """As its file says it: to check it would take every point of its grid."""
-    data = tomllib.loads((CAMPAIGNS / f"{name}.toml").read_text(encoding="utf-8"))
+    data = toml_text.read(CAMPAIGNS / f"{name}.toml", name)
     grid: dict[str, list[Any]] = data.get("grid", {})
-    rows = {"title": data["title"], "scenario": data["scenario"], "run": f"{data['trials']} trials"}
+    rows = {"title": data["title"], "scenario": data["scenario"], "run": counted(data["trials"], "trial")}
     if grid:
         points = prod(len(values) for values in grid.values())
-        rows |= {"run": f"{data['trials']} trials at each of {points} points", "grid": ", ".join(grid)}
+        rows |= {"run": f"{counted(data['trials'], 'trial')} at each of {counted(points, 'point')}", "grid": ", ".join(grid)}
     if drawn := data.get("dispersion"):
         rows["dispersed"] = ", ".join(drawn)
     return rows

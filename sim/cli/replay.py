@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.result_files import ResultFiles, interrupted_as
@@ -17,6 +18,7 @@ from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.table_style import counted
 from sim.user_code.user_code import UserCode
 
 FILES = ESTIMATES, SUMMARY, PICTURE = "estimates.parquet", "summary.json", "replay.png"
@@ -72,7 +74,7 @@ def replay(
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
     skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
     for reason in skipped.values():
-        err.print(f"warning: {reason}; it is not replayed", style="yellow", markup=False)
+        err.print(f"warning: {reason}; it is not replayed", style="yellow")
     blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
     if not blocks:
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
@@ -107,7 +109,8 @@ def replay(
             files.write(PICTURE, lambda path: write_picture(path, f"Replay of {log.name}", shown.recording, shown.layout))
         if overwrite:
             files.remove_others(FILES)
-    out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n")
+    what = f": {counted(trials, 'trial')}, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n"
+    out.print(Text.assemble((f"Replay of {log}", "bold"), what))
     if statistics := rows(metrics):
         out.print(_table(statistics))
     for label, name in (("Estimates", ESTIMATES), ("Summary", SUMMARY), ("Picture", PICTURE)):

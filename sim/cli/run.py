@@ -12,9 +12,10 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.campaign.blocks import cut, simulate_all
 from sim.campaign.draws import own
-from sim.campaign.file import is_campaign
+from sim.campaign.file import is_campaign, located
 from sim.campaign.file import load as load_campaign
 from sim.campaign.settings import Campaign
 from sim.campaign.worker_processes import WorkersLost
@@ -30,6 +31,7 @@ from sim.outputs.register import OUTPUTS
 from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.table_style import counted
 from sim.tables.register import tables_of
 from sim.user_code.user_code import UserCode
 
@@ -50,7 +52,7 @@ def run(
     overrides: Overrides = None,
     workers: Annotated[int, typer.Option(min=1, help="processes that share the trials; no number depends on it")] = 1,
     only_trial: Annotated[int | None, typer.Option(min=0, help="simulate this one trial of the run and record it")] = None,
-    point: Annotated[int, typer.Option(min=0, help="of a campaign's grid, if SCENARIO is a campaign file")] = 0,
+    point: Annotated[int | None, typer.Option(min=0, help="of a campaign's grid, if SCENARIO is a campaign; default: 0")] = None,
     record_trials: Annotated[int, typer.Option(min=0, help="how many trials are recorded for Rerun")] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
     observers: Annotated[
@@ -73,14 +75,18 @@ def run(
 ) -> None:
     """Simulate a scenario, print its table and write recording, report and metrics."""
     user_code = UserCode(tuple(observers or ()), controller)
-    source = load_campaign(Path(name)) if is_campaign(name) else None
-    if source and (only_trial is None or trials or seed or overrides):
+    source = load_campaign(located(name)) if is_campaign(name) else None
+    if source and (only_trial is None or trials is not None or seed is not None or overrides):
         raise BadInput(f"{name} is a campaign: fly one of its trials by --only-trial K (and --point P), or all by `nacs campaign {name}`")
+    if point is not None and not source:
+        raise BadInput(f"--point {point}: {name} is no campaign and has no grid")
+    point = point or 0
     if source and not 0 <= point < len(source.points):
         raise BadInput(f"--point {point}: the grid of {name} has points 0 to {len(source.points) - 1}")
     loaded: Any = source.at(point) if source else load(name, trials, seed, overrides, user_code.names)
     if source and only_trial is not None:
         loaded = own(source, loaded, only_trial)
+    slow = cost.check(loaded, loaded.run.trials if only_trial is None else 1, workers)
     numbers = numbers_of(loaded.run, only_trial)
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
@@ -94,8 +100,8 @@ def run(
         raise BadInput(f"{option} the recorded trials and --record-trials 0 records none")
     target = output_folder(folder, name, overwrite)
     user_code.check(surroundings(loaded), names_taken(loaded))
-    for warning in loaded.warnings():
-        err.print(f"warning: {warning}", style="yellow", markup=False)
+    for warning in [*loaded.warnings(), *slow]:
+        err.print(f"warning: {warning}", style="yellow")
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
     watched = stream.on_tick if stream else None
@@ -162,7 +168,7 @@ def _simulate(
     try:
         with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
             seconds = loaded.run.tick_s
-            task = bar.add_task(f"{len(numbers)} trials", total=round(seconds * loaded.run.ticks * len(numbers)))
+            task = bar.add_task(counted(len(numbers), "trial"), total=round(seconds * loaded.run.ticks * len(numbers)))
             for block in simulate_all(
                 loaded,
                 cut(numbers, workers),

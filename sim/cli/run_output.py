@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 import typer
 from numpy.typing import NDArray
+from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.result_files import ResultFiles
@@ -17,6 +18,7 @@ from sim.metrics.results import write_summary, write_trials
 from sim.outputs.register import OUTPUTS
 from sim.scenario.files import AnyScenario
 from sim.scenario.run import RunSettings
+from sim.table_style import counted
 
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
 
@@ -76,12 +78,13 @@ class RunResult:
 
     def print_header(self) -> None:
         """Head of the tables."""
-        out.print(f"[bold]{self.scenario.title}[/]\n[dim]{self.scenario.source}[/]\n")
+        out.print(Text.assemble((self.scenario.title, "bold"), "\n", (self.scenario.source, "dim"), "\n"))
 
     def print_files(self, files: ResultFiles) -> None:
         """What it took and where everything is; leaves the command if not all trials were finished or not all files written."""
         pace, folder = self.simulated_s / self.wall_s, files.folder
-        out.print(f"\n{len(self.trials)} trials, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s ({pace:.0f} x real time)")
+        flown = f"{counted(len(self.trials), 'trial')}, {self.simulated_s:.0f} s of flight in {self.wall_s:.1f} s"
+        out.print(f"\n{flown} ({pace:.0f} x real time)")
         for key, output in OUTPUTS.items():
             if output.file in files:
                 path = folder / output.file

@@ -10,11 +10,13 @@ import typer
 from rich.console import Console
 
 from sim.bad_input import BadInput
+from sim.one_line import one_line
 from sim.scenario import files
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
 
-out, err = Console(highlight=False), Console(stderr=True, highlight=False, soft_wrap=True)
+# no markup: what is printed holds names, titles and paths of the user's, in which a bracket is a bracket
+out, err = Console(highlight=False, markup=False), Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="family/name as `nacs list` shows it, or a path to a TOML file")]
 Trials = Annotated[int | None, typer.Option(help="number of trials; default: the scenario's")]
@@ -45,12 +47,22 @@ def output_folder(folder: Path | None, name: str, overwrite: bool, way_on: str =
         while folder.exists():
             number += 1
             folder = stem.with_name(f"{stem.name}-{number}")
-    elif folder.is_file():
+    try:
+        return _checked(folder, overwrite, way_on)
+    except OSError as refused:
+        raise BadInput(f"--out {one_line(str(folder), 200)}: cannot be written ({refused.strerror}); name a folder that can") from None
+
+
+def _checked(folder: Path, overwrite: bool, way_on: str) -> Path:
+    """The folder, if results can be written there; raises BadInput, or OSError for a name that leads nowhere."""
+    if folder.exists() and not folder.is_dir():
         raise BadInput(f"--out {folder}: is a file; name a folder")
-    elif folder.is_dir() and any(folder.iterdir()) and not overwrite:
+    if folder.is_dir() and any(folder.iterdir()) and not overwrite:
         raise BadInput(f"--out {folder}: is not empty; {way_on}")
     nearest = folder
     while not nearest.exists():
+        if nearest.is_symlink():
+            raise BadInput(f"--out {folder}: {nearest} is a link that leads nowhere; name a folder")
         nearest = nearest.parent
     try:
         tempfile.TemporaryFile(dir=nearest).close()

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from sim.bad_input import BadInput
+from sim.campaign import cost
 from sim.cli.terminal import FAILED, Name, Overrides, Seed, err, load, out
 from sim.loop.motion import motion
 from sim.plant.batch import SimulationFailed
@@ -22,6 +23,7 @@ def view(
 ) -> None:
     """Fly the first trial of a scenario in MuJoCo's own viewer, in real time; several agents are simulated first, then shown."""
     loaded: Any = load(name, 1, seed, overrides)
+    cost.check(loaded, 1)
     loops = list(loaded.loop_names)
     chosen = loops[0] if loop is None else loop
     if chosen not in loops:
@@ -32,7 +34,7 @@ def view(
 
     if len(loops) > 1:
         others = ", ".join(other for other in loops if other != chosen)
-        out.print(f"loop {chosen} of {name}; --loop shows another: {others}", markup=False, soft_wrap=True)
+        out.print(f"loop {chosen} of {name}; --loop shows another: {others}", soft_wrap=True)
     try:
         if loaded.family == "body":
             viewer.fly(loaded, chosen)
@@ -41,5 +43,5 @@ def view(
             moved = motion(loaded, chosen)
         viewer.show(*moved)
     except SimulationFailed as failure:
-        err.print(f"error: {failure}", style="red", markup=False)
+        err.print(f"error: {failure}", style="red")
         raise typer.Exit(FAILED) from None

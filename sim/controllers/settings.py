@@ -43,7 +43,7 @@ class ModeWeightedSettings(Section):
         0.7,
         description="probability of a mode that is then believed for good; the less a suspect wheel is used, the less evidence there is",
     )
-    latch_ticks: Annotated[int, Field(ge=1)] = Field(10, description="ticks for which it must last")
+    latch_ticks: Annotated[int, Field(ge=1, le=1_000_000)] = Field(10, description="ticks for which it must last")
 
 
 AllocationSettings = Annotated[PseudoInverseSettings | ModeWeightedSettings, Field(discriminator="type")]
@@ -156,8 +156,8 @@ class UnfalsifiedSettings(LawSettings):
     gate_quanta: NonNegative = Field(20.0, description="RMS angle, in steps of the sensor, from which on data count")
     quantum_deg: NonNegative = Field(0.001, description="step of the angle sensor")
     error_bound: Positive = Field(2.25, description="M1 of the weight W1 on the error")
-    archive: Annotated[int, Field(ge=4)] = Field(40, description="past tests kept")
-    delay_ticks: Annotated[int, Field(ge=0)] = Field(0, description="from a decision to its torque")
+    archive: Annotated[int, Field(ge=4, le=100_000)] = Field(40, description="past tests kept")
+    delay_ticks: Annotated[int, Field(ge=0, le=100_000)] = Field(0, description="from a decision to its torque")
 
     def controller(self, assembly: Assembly, tick_s: float) -> AntennaPointing:
         """The law, believing an inertia that is off by the given error."""

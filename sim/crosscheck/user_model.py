@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from models.attitude.quaternion import IDENTITY
 from sim.bad_input import BadInput
 from sim.crosscheck.model_variants import Model
+from sim.user_code.user_class import words_of
 
 Array = NDArray[np.floating]
 
@@ -35,7 +36,9 @@ class UserDynamics:
         try:
             with np.errstate(all="ignore"):  # what is not finite is refused below, in one line
                 answer = np.asarray(self.function(state, command), dtype=float)
-        except Exception as failure:  # whatever the user's code does wrong is theirs to read about
+        except KeyboardInterrupt:
+            raise
+        except BaseException as failure:  # whatever the user's code does wrong is theirs to read about
             raise BadInput(_blame(self.path, failure)) from None
         if answer.shape != state.shape:
             raise BadInput(
@@ -56,8 +59,10 @@ def load_user_model(path: Path, wheels: int) -> Model:
     module.__file__ = str(path)
     sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
     try:
-        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), module.__dict__)  # no byte code is left beside the file
-    except (Exception, SystemExit) as failure:
+        exec(compile(path.read_text(encoding="utf-8-sig"), str(path), "exec"), module.__dict__)  # no byte code is left beside the file
+    except KeyboardInterrupt:
+        raise
+    except BaseException as failure:
         raise BadInput(_blame(path, failure)) from None
     function = getattr(module, FUNCTION, None)
     if not callable(function):
@@ -73,5 +78,5 @@ def _blame(path: Path, failure: BaseException) -> str:
     if isinstance(failure, SyntaxError) and failure.filename == str(path):
         return f"{path}:{failure.lineno}: {failure.msg}"
     lines = [frame.lineno for frame in traceback.extract_tb(failure.__traceback__) if frame.filename == str(path)]
-    said = " ".join(str(failure).split())
+    said = words_of(failure)
     return f"{path}{f':{lines[-1]}' if lines else ''}: {type(failure).__name__}: {said}"

@@ -61,7 +61,7 @@ class Marginalised(Learner):
     type: Literal["marginalised"]
     sampled: Literal["state", "weights"] = Field("state", description="block of the particles: state is variant B, weights A")
     proposal: Literal["optimal", "prior"] = "optimal"
-    particles: Annotated[int, Field(ge=2)] = 100
+    particles: Annotated[int, Field(ge=2, le=100_000)] = 100
     first_weight_std: Positive | None = Field(None, description="instead of the scenario's")
     resampling: str = "multinomial"
     threshold: Share = 0.8

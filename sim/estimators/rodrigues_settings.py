@@ -33,7 +33,7 @@ class PfSettings(_Filter):
     """Particle filter."""
 
     type: Literal["pf"]
-    particles: Annotated[int, Field(ge=2)] = 100
+    particles: Annotated[int, Field(ge=2, le=100_000)] = 100
     threshold: Share = 0.8
     proposal: Literal["optimal", "bootstrap"] = "optimal"
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"

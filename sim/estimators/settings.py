@@ -127,7 +127,7 @@ class NisSwitched(ExtendedSettings):
 
     type: Literal["nis-switched"]
     smoothing: Literal["windowed", "fading"]
-    window: Annotated[int, Field(ge=1)] = 45
+    window: Annotated[int, Field(ge=1, le=1_000_000)] = 45
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.965
     tail_on: Annotated[float, Field(gt=0, lt=1)] = 0.001
     tail_off: Annotated[float, Field(gt=0, lt=1)] = 0.05

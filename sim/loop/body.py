@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from control.tracking import Target
 from models.attitude import quaternion
-from models.attitude.euler_angles import from_euler_313
 from models.dynamics.unmodelled_torque import UnmodelledTorque
 from models.dynamics.wheel_faults import WheelFault
 from models.plants.assembly import Assembly
@@ -128,9 +127,8 @@ def _command_step(kind: PlantKind[Any], scenario: Scenario, assembly: Assembly) 
 
 def _attitude(start: StartSettings, target: Target) -> Array:
     """Attitude (4,) that a start is near."""
-    if start.quaternion is not None:
-        return quaternion.normalize(np.array(start.quaternion))
-    return target.q_DN[0] if start.euler_313_deg is None else from_euler_313(np.radians(start.euler_313_deg))
+    given = start.attitude
+    return target.q_DN[0] if given is None else given
 
 
 def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: NDArray[np.int64], target: Target) -> Plant:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Union
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema
 
@@ -32,6 +33,8 @@ class Registered:
         return handler.generate_schema(Annotated[Union[classes], Field(discriminator="type")])  # noqa: UP007
 
 
+Array = NDArray[np.floating]
+
 PlantSettings = Annotated[BodyParameters, Registered("body")]
 FormationSettings = Annotated[SeveralParameters, Registered("formation")]
 
@@ -50,3 +53,33 @@ def check_masses(plant: BodyParameters, faults: tuple[Fault, ...]) -> None:
             for whole in fault.wholes(plant.inertia, plant.centre_of_mass):
                 if reason := why_impossible(whole.inertia) or why_impossible(np.diag(reassemble(*whole).moments)):
                     raise ValueError(f"faults.{number} (inertia): no rigid body has {said}, {reason}")
+
+
+def tilt_deg(q_BN: Array) -> Array:
+    """Angle between z of B and z of N, the vertical; (..., 4) to (...)."""
+    return np.degrees(2.0 * np.arcsin(np.clip(np.hypot(q_BN[..., 0], q_BN[..., 1]), 0.0, 1.0)))
+
+
+def check_tilt(plant: Parameters, q_BN: Array, what: str) -> None:
+    """Raise ValueError if attitudes (..., 4) lie beyond a plant's stop."""
+    limit = kind_of(plant).tilt_limit_deg
+    if limit is not None and (greatest := float(np.max(tilt_deg(q_BN)))) > limit:
+        raise ValueError(f"{what}: is tilted by {greatest:.4g} deg, and the stop is at {limit:g} deg")
+
+
+def check_speeds(plant: Parameters, speeds: tuple[float, ...], what: str) -> None:
+    """Raise ValueError if wheels turn faster at the start than their drives can make them."""
+    no_load_speed = kind_of(plant).no_load_speed
+    if no_load_speed is not None and (greatest := max(map(abs, speeds))) > no_load_speed(plant):
+        raise ValueError(f"{what}: {greatest:g} rad/s is beyond the no-load speed of the drives, {no_load_speed(plant):.4g} rad/s")
+
+
+def filled(plant: Parameters, duration_s: float) -> list[str]:
+    """A line if a run is so long that outer torques fill the wheels."""
+    after = kind_of(plant).filled_s(plant)
+    if duration_s <= after:
+        return []
+    return [
+        f"run: lasts {duration_s:g} s, and after about {after:.0f} s gravity on the centre of mass (plant.centre_of_mass_um) has filled the"
+        " wheels: from then on every metric is that of wheels at their limit"
+    ]

@@ -16,6 +16,7 @@ from sim.crosscheck.divergence import QUANTITIES, passes, rms
 from sim.crosscheck.study import CrossCheck
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -73,7 +74,7 @@ def write_picture(path: Path, name: str, found: CrossCheck) -> None:
         passed = sum(check.passed for check in found.checks)
         figure.text(
             0.01, 0.958,
-            f"{name}, {trials} trial{'s' if trials > 1 else ''}, open loop under the commands of a closed-loop flight"
+            f"{name}, {counted(trials, 'trial')}, open loop under the commands of a closed-loop flight"
             f" | lines: RMS, bands: all trials | physics checks: {passed} of {len(found.checks)} pass"
             + f" | as printed: {sum(f.fails for f in found.failures)} of {len(found.failures)} fail as they must" * bool(found.failures),
             fontsize=8, color="#5a6270",

@@ -15,6 +15,7 @@ from sim.campaign.shard import bin_values
 from sim.rerun.blueprint import TIMELINE
 from sim.rerun.recording_file import recording_file
 from sim.series.palette import REFERENCE, on_dark
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -50,11 +51,12 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
     names, kinds = np.asarray(bands["observer"]), np.asarray(bands["quantity"])
     pairs = list(dict.fromkeys(zip(kinds, names, strict=True)))
     colours = on_dark(dict.fromkeys(str(name) for name in names if name != "loop")) | {"loop": REFERENCE}
-    start, end = (rr.TimeRangeBoundary.absolute(seconds=dt * float(tick)) for tick in (0, np.asarray(bands["tick"]).max()))
+    last = np.asarray(bands["tick"]).max(initial=0)  # nothing if all trials failed
+    start, end = (rr.TimeRangeBoundary.absolute(seconds=dt * float(tick)) for tick in (0, last))
     views = [
         rrb.TimeSeriesView(
             origin=f"/{kind}",
-            name=f"{title}: median, 5 and 95 % of {campaign.trials} trials",
+            name=f"{title}: median, 5 and 95 % of {counted(campaign.trials, 'trial')}",
             axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
             plot_legend=rrb.PlotLegend("RightTop"),
         )
@@ -66,7 +68,9 @@ def write_bands(path: Path, campaign: Campaign, bands: pa.Table, dt: float) -> N
         stream.send_recording_name(campaign.title)
         stream.log(
             "about",
-            rr.TextDocument(f"# {campaign.title}\n\n{campaign.trials} trials of {campaign.scenario}", media_type="text/markdown"),
+            rr.TextDocument(
+                f"# {campaign.title}\n\n{counted(campaign.trials, 'trial')} of {campaign.scenario}", media_type="text/markdown"
+            ),
             static=True,
         )
         for kind, name in pairs:

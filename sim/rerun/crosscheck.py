@@ -149,7 +149,7 @@ def _events(found: CrossCheck) -> list[tuple[int, str, str]]:
 def _document(tables: Iterable[Table]) -> str:
     """The tables as the terminal shows them."""
     text = io.StringIO()
-    console = Console(file=text, width=80, no_color=True)
+    console = Console(file=text, width=80, no_color=True, markup=False)
     for table in tables:
         console.print(table)
     return f"```\n{text.getvalue()}\n```\n"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from models.plants.register.entries import KINDS
+from sim import toml_text
 
 SCENARIOS = Path(__file__).with_name("scenarios")
 
@@ -40,10 +40,10 @@ def what(family: str) -> str:
     if family in FAMILIES:
         return FAMILIES[family]
     first = min(SCENARIOS.glob(f"{family}/*.toml"))
-    plant = tomllib.loads(first.read_text(encoding="utf-8")).get("plant", {}).get("type", "")
+    plant = toml_text.read(first, first.name).get("plant", {}).get("type", "")
     return KINDS[plant].says if plant in KINDS else ""
 
 
 def title(path: Path) -> str:
     """Title of a file, read and not checked."""
-    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
+    return str(toml_text.read(path, path.name).get("title", ""))

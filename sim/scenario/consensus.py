@@ -10,12 +10,13 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from control.communication_graph import CommunicationGraph
 from control.terminal_sliding_mode import TerminalSlidingMode
 from models.plants.agents import AgentsParameters
-from models.sections import NonNegative, Positive, Section
+from models.sections import Headline, NonNegative, Positive, Section
 from sim.estimators.learner_settings import Adaptive, LoopSettings, Marginalised, TuningSettings
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
 from sim.faults.readings import DropOut
 from sim.scenario.graph import ConsensusGraph
+from sim.scenario.named_sections import check_name
 from sim.scenario.run import Published, RunSettings
 
 CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
@@ -58,8 +59,8 @@ class ConsensusScenario(Section):
 
     family: ClassVar[str] = "consensus"
 
-    title: str
-    source: str
+    title: Headline
+    source: Headline
     run: RunSettings
     plant: AgentsParameters = AgentsParameters()
     graph: ConsensusGraph = ConsensusGraph()
@@ -78,8 +79,7 @@ class ConsensusScenario(Section):
         if not loops:
             raise ValueError("there is no loop to fly")
         for name in loops:
-            if "/" in name or name in {"truth", "leader", "loop"}:
-                raise ValueError(f"{name!r} cannot be a loop's name")
+            check_name(name, "a loop", ("truth", "leader", "loop"))
         return loops
 
     @field_validator("faults", mode="before")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from models.plants.register.entries import KINDS
 from models.plants.register.parameters import Parameters
+from sim import toml_text
 from sim.bad_input import BadInput
 from sim.scenario.catalogue import SCENARIOS, scenario_names
 from sim.scenario.consensus import ConsensusScenario
@@ -69,7 +69,7 @@ class AnyScenario(Protocol):
 def find(name: str) -> Path:
     """File of a scenario by name or path; raises BadInput if there is none."""
     path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    if path.is_file():
+    if toml_text.is_there(path):
         return path
     if name.endswith(".toml"):
         raise BadInput(f"no scenario file {name}")
@@ -91,11 +91,7 @@ def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, 
     """
     path = find(name)
     label = f"{name}.toml" if not name.endswith(".toml") else name
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as broken:
-        raise BadInput(f"{label}: cannot be read as TOML: {broken}") from None
-    return check(data, label, overrides, guests)
+    return check(toml_text.read(path, label), label, overrides, guests)
 
 
 def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Any:
@@ -109,6 +105,8 @@ def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = N
         return model.model_validate(data, context={"guests": guests})
     except ValidationError as invalid:
         raise BadInput(f"{label}: {first_error(invalid, data, model)}") from None
+    except (OverflowError, RecursionError) as beyond:
+        raise BadInput(f"{label}: a value is beyond what can be computed with ({beyond})") from None
 
 
 def dumped(scenario: Any) -> dict[str, Any]:
@@ -123,15 +121,19 @@ def parse_override(text: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise BadInput(f"--set {text}: needs the form key.sub=value")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()
+        return key.strip(), toml_text.value(value)
+    except BadInput as wrong:
+        raise BadInput(f"--set {key.strip()}={wrong}") from None
 
 
 def override(data: dict[str, Any], key: str, value: Any) -> None:
     """Set a dotted key of a file's tables; raises BadInput."""
     node: Any = data
     *parents, last = key.split(".")
+    if not all(part.strip() for part in (*parents, last)):
+        raise BadInput(f"--set {key}: a name is empty")
+    if set(key) & set("\"'"):
+        raise BadInput(f"--set {key}: names are not quoted here")
     for part in parents:
         node = _element(node, part, key) if isinstance(node, list) else node.setdefault(part, {})
         if not isinstance(node, dict | list):

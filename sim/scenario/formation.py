@@ -10,17 +10,19 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from control.communication_graph import CommunicationGraph
 from control.formation_law import Gains
+from models.attitude.modified_rodrigues import to_quaternion
 from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
-from models.sections import NonNegative, Positive, Section
+from models.sections import Headline, NonNegative, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
 from sim.faults.bodies import InertiaChange
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.links import Cut
 from sim.faults.parts import Parts
 from sim.faults.readings import Bias, NoiseChange
-from sim.plant.kinds import FormationSettings
+from sim.plant.kinds import FormationSettings, check_tilt, filled
 from sim.scenario.graph import FormationGraph
+from sim.scenario.named_sections import WindowsOfAgents, beyond, check_name, check_windows
 from sim.scenario.run import Published, RunSettings
 
 Array = NDArray[np.floating]
@@ -36,6 +38,7 @@ STARTS: tuple[tuple[float, float, float], ...] = (
     (1.5, 1.5 * _TWO, 1.5),
     (-1.2, -1.2, -1.2 * _TWO),
 )
+INSTANTS = 2000  # of the leader's motion that are held against what the plant can follow
 RESERVED = ("truth", "leader", "all")
 
 
@@ -93,8 +96,8 @@ class FormationScenario(Section):
 
     family: ClassVar[str] = "formation"
 
-    title: str
-    source: str = Field(description="seed equation, table or figure that it comes from")
+    title: Headline
+    source: Headline = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
     plant: FormationSettings
     graph: FormationGraph = FormationGraph()
@@ -104,7 +107,7 @@ class FormationScenario(Section):
     observers: dict[str, ObserverSettings] = Field({}, description="by name")
     loops: dict[str, LoopSettings]
     faults: tuple[Fault, ...] = ()
-    phases: dict[str, tuple[NonNegative, Positive]] = Field({}, description="windows of time with metrics of their own: [start, end] in s")
+    phases: WindowsOfAgents = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     published: Published | None = None
 
     @field_validator("loops")
@@ -112,6 +115,8 @@ class FormationScenario(Section):
     def _some(cls, loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
         if not loops:
             raise ValueError("no loop is flown")
+        for name in loops:
+            check_name(name, "a loop", ())
         return loops
 
     @field_validator("faults", mode="before")
@@ -130,14 +135,16 @@ class FormationScenario(Section):
             for observer in (loop.feedback, *loop.watching):
                 if observer not in known:
                     raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(known)}")
-        if taken := [name for name in self.observers if name in RESERVED]:
-            raise ValueError(f"observers: {taken[0]!r} means something else")
+        for name in self.observers:
+            check_name(name, "an observer", RESERVED)
         if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
             raise ValueError(f"run.tick_s = {self.run.tick_s:g} is not a whole number of physics steps of {self.plant.step_s:g} s")
         duration = self.run.ticks * self.run.tick_s
-        for name, (start, end) in self.phases.items():
-            if not start < end <= duration * (1 + 1e-9):
-                raise ValueError(f"phases.{name}: [{start:g}, {end:g}] s is not inside the run of {duration:g} s")
+        if outside := beyond(self.phases, self.run):
+            raise ValueError(f"{outside[0]}; --set phases={{}} drops all")
+        check_windows(self.phases, self.run)
+        check_tilt(self.plant, to_quaternion(self.starts), "start.mrp")
+        check_tilt(self.plant, to_quaternion(self.leader.motion(np.linspace(0.0, duration, INSTANTS))[:, :3]), "leader")
         check_faults(self.faults, duration, self.parts)
         for number, fault in enumerate(self.faults):
             if isinstance(fault, InertiaChange):
@@ -164,7 +171,7 @@ class FormationScenario(Section):
 
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
-        said = kind_of(self.plant).warnings(self.plant)
+        said = kind_of(self.plant).warnings(self.plant) + filled(self.plant, self.run.ticks * self.run.tick_s)
         if any(loop.law.acceleration_sign > 0 for loop in self.loops.values()):
             said.append("loops: with acceleration_sign = 1 the estimates of the leader's acceleration run away")
         if any(_shared_bias(fault) for fault in self.faults):

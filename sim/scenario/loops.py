@@ -11,7 +11,7 @@ from models.sections import Section
 from sim.controllers.settings import ControlSettings, ModeWeightedSettings, UnfalsifiedSettings
 from sim.estimators.settings import ObserverSettings
 from sim.scenario.identification import IdentificationSettings
-from sim.scenario.named_sections import is_taken
+from sim.scenario.named_sections import check_name
 
 
 class LoopSettings(Section):
@@ -24,8 +24,7 @@ class LoopSettings(Section):
 
 def _named(loops: dict[str, LoopSettings]) -> dict[str, LoopSettings]:
     for name in loops:
-        if is_taken(name):
-            raise ValueError(f"{name!r} cannot be a loop's name")
+        check_name(name, "a loop")
     return loops
 
 

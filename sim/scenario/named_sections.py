@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import partial
 from typing import Annotated, Any
 
 from pydantic import AfterValidator
@@ -9,14 +11,22 @@ from pydantic import AfterValidator
 from models.sections import NonNegative, Positive
 from sim.estimators.settings import ObserverSettings
 from sim.estimators.tunings import TUNINGS
+from sim.names import LONGEST_NAME, WHAT_A_NAME_IS, is_a_name
+from sim.scenario.run import RunSettings
 
 PHASES = ("all", "nominal", "fault", "recovery")  # in which every run is judged
 RESERVED = ("loop", "truth", "measurement", "reference")  # of recordings and tables
 
 
-def is_taken(name: str) -> bool:
-    """Whether neither an observer nor a loop can have this name."""
-    return "/" in name or name in RESERVED
+def check_name(name: str, what: str, reserved: Iterable[str] = RESERVED) -> None:
+    """Raise ValueError if an observer, a loop or a window of time cannot be called so: files, tables, pictures and paths say its name."""
+    if not name.strip():
+        raise ValueError(f"{what} has an empty name")
+    shown = name if len(name) <= LONGEST_NAME else f"{name[:20]}..."
+    if name in reserved:
+        raise ValueError(f"{shown!r} cannot be {what}'s name: it means something else")
+    if not is_a_name(name):
+        raise ValueError(f"{shown!r} cannot be {what}'s name: {WHAT_A_NAME_IS}")
 
 
 def names_taken(scenario: Any) -> tuple[str, ...]:
@@ -28,19 +38,35 @@ def _named_tunings(observers: dict[str, ObserverSettings]) -> dict[str, Observer
     for name, settings in observers.items():
         if isinstance(settings.tuning, str) and settings.tuning not in TUNINGS:
             raise ValueError(f"{name}.tuning: no set {settings.tuning!r}; there are {', '.join(TUNINGS)}")
-        if is_taken(name):
-            raise ValueError(f"{name!r} cannot be an observer's name")
+        check_name(name, "an observer")
     return observers
 
 
-def _in_order(windows: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+def _in_order(windows: dict[str, tuple[float, float]], reserved: tuple[str, ...] = PHASES) -> dict[str, tuple[float, float]]:
     for name, (start, end) in windows.items():
-        if name in PHASES:
-            raise ValueError(f"{name!r} cannot be a phase of the scenario's own")
+        check_name(name, "a phase", reserved)
         if not start < end:
             raise ValueError(f"{name} = [{start:g}, {end:g}]: needs start < end")
     return windows
 
 
+def check_windows(windows: dict[str, tuple[float, float]], run: RunSettings) -> None:
+    """Raise ValueError if a window of time is so short that no tick lies in it."""
+    for name, (start, end) in windows.items():
+        if round(start / run.tick_s) >= round(end / run.tick_s):
+            raise ValueError(f"phases.{name}: no tick of {run.tick_s:g} s lies from {start:g} to {end:g} s")
+
+
+def beyond(windows: dict[str, tuple[float, float]], run: RunSettings) -> list[str]:
+    """A line on each window that the run does not reach the end of."""
+    duration = run.ticks * run.tick_s
+    return [
+        f"phases.{name}: [{start:g}, {end:g}] s is not inside the run of {duration:g} s"
+        for name, (start, end) in windows.items()
+        if end > duration * (1 + 1e-9)
+    ]
+
+
 Observers = Annotated[dict[str, ObserverSettings], AfterValidator(_named_tunings)]
 Windows = Annotated[dict[str, tuple[NonNegative, Positive]], AfterValidator(_in_order)]
+WindowsOfAgents = Annotated[dict[str, tuple[NonNegative, Positive]], AfterValidator(partial(_in_order, reserved=PHASES[:1]))]

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from models.attitude import quaternion
+from models.attitude.euler_angles import from_euler_313
 from models.plants.assembly import ImpossibleInertia
 from models.plants.register.entries import kind_of
-from models.sections import NonNegative, Section
+from models.sections import Headline, NonNegative, Section
 from sim.controllers.settings import ControlSettings
 from sim.estimators.learning_settings import check_learning
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
-from sim.plant.kinds import PlantSettings, check_masses
+from sim.plant.kinds import PlantSettings, check_masses, check_speeds, check_tilt, filled
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
-from sim.scenario.named_sections import Observers, Windows
+from sim.scenario.named_sections import Observers, Windows, beyond, check_windows
 from sim.scenario.references import ReferenceSettings
 from sim.scenario.run import Published, RunSettings
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
+
+Array = NDArray[np.floating]
+
+INSTANTS = 2000  # of a reference that are held against what the plant can follow
 
 
 class StartSettings(Section):
@@ -44,14 +52,21 @@ class StartSettings(Section):
             raise ValueError("rate_rad_s: give the rate either so or as rate_deg_s")
         return self
 
+    @property
+    def attitude(self) -> Array | None:
+        """Attitude q_BN (4,) that is given; None: the reference's."""
+        if self.quaternion is not None:
+            return quaternion.normalize(np.array(self.quaternion))
+        return None if self.euler_313_deg is None else from_euler_313(np.radians(self.euler_313_deg))
+
 
 class Scenario(Section):
     """One scenario file."""
 
     family: ClassVar[str] = "body"
 
-    title: str
-    source: str = Field(description="seed equation, table or figure that it comes from")
+    title: Headline
+    source: Headline = Field(description="seed equation, table or figure that it comes from")
     run: RunSettings
     plant: PlantSettings
     start: StartSettings = StartSettings()
@@ -74,7 +89,7 @@ class Scenario(Section):
         if not isinstance(value, dict) or "set" not in value:
             return value
         name = value["set"]
-        if name not in SENSOR_SETS:
+        if not isinstance(name, str) or name not in SENSOR_SETS:
             raise ValueError(f"no sensor set {name!r}; there are {', '.join(SENSOR_SETS)}")
         return SENSOR_SETS[name].model_dump() | {k: v for k, v in value.items() if k != "set"}
 
@@ -109,6 +124,8 @@ class Scenario(Section):
         for key, period in self.sensors.periods_s.items():
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
+        check_windows(self.phases, self.run)
+        self._can_begin_and_follow(duration)
         check_faults(self.faults, duration, self.parts)
         check_learning(self.observers, laws, self.plant, [fault.kind for fault in self.faults])
         try:
@@ -116,6 +133,13 @@ class Scenario(Section):
         except ImpossibleInertia as impossible:
             raise ValueError(f"plant.{impossible}") from None
         return self
+
+    def _can_begin_and_follow(self, duration: float) -> None:
+        """Raise ValueError if the plant cannot be where it starts, or where the reference leads."""
+        check_speeds(self.plant, self.start.wheel_speed_rad_s, "start.wheel_speed_rad_s")
+        if (attitude := self.start.attitude) is not None:
+            check_tilt(self.plant, attitude, "start")
+        check_tilt(self.plant, self.reference.at(np.linspace(0.0, duration, INSTANTS)).q_DN, "reference")
 
     @property
     def parts(self) -> Parts:
@@ -131,8 +155,15 @@ class Scenario(Section):
 
     def warnings(self) -> list[str]:
         """What may be meant but deserves a word, a line each."""
-        return kind_of(self.plant).warnings(self.plant) + [
-            line for name, o in self.observers.items() for line in o.warnings(f"observers.{name}", self.plant.wheel_axes, self.run.tick_s)
+        return [
+            *kind_of(self.plant).warnings(self.plant),
+            *(
+                line
+                for name, o in self.observers.items()
+                for line in o.warnings(f"observers.{name}", self.plant.wheel_axes, self.run.tick_s)
+            ),
+            *filled(self.plant, self.run.ticks * self.run.tick_s),
+            *(f"{line}; it counts as far as the run goes" for line in beyond(self.phases, self.run)[:1]),
         ]
 
     @property

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from models.sections import Positive, Section
+from models.sections import Headline, Positive, Section, Seed
 
 
 class RunSettings(Section):
@@ -15,11 +15,11 @@ class RunSettings(Section):
     ticks: Annotated[int, Field(ge=1)] = Field(1000, description="control ticks")
     tick_s: Positive = Field(0.1, description="control period")
     trials: Annotated[int, Field(ge=1)] = 10
-    seed: Annotated[int, Field(ge=0)]
+    seed: Seed
 
 
 class Published(Section):
     """What the paper prints, to be shown beside the twin's numbers."""
 
-    source: str
+    source: Headline
     values: dict[str, dict[str, float]] = Field(description="subject -> metric -> value; metric@phase for one phase")

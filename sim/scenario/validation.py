@@ -26,15 +26,17 @@ def first_error(invalid: ValidationError, data: dict[str, Any], model: type[Base
     messages = [_message(error, model) for error in errors if ".".join(_path_in_file(error["loc"], data)) == key]
     given = errors[0]["input"]
     shown = f" (got {given!r})" if isinstance(given, str | int | float | list | tuple) and "got" not in messages[0] else ""
+    shown = f"{shown[:60]}...)" if len(shown) > 80 else shown
     return (f"{key}: " if key else "") + ", or ".join(dict.fromkeys(messages)) + shown
 
 
 def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
     last = error["loc"][-1] if error["loc"] else ""
     if error["type"] == "extra_forbidden":
-        known = _all_keys(model)
-        near = difflib.get_close_matches(str(last), known, n=1)
-        return "unknown key" + ("" if not near else f"; {last} belongs elsewhere" if last in known else f"; did you mean {near[0]}?")
+        schema = model.model_json_schema()
+        near = difflib.get_close_matches(str(last), sorted(_keys_there(schema, error["loc"][:-1])), n=1)
+        elsewhere = any(last in block.get("properties", {}) for block in (schema, *schema.get("$defs", {}).values()))
+        return "unknown key" + (f"; did you mean {near[0]}?" if near else f"; {last} belongs elsewhere" if elsewhere else "")
     if error["type"] == "missing":
         return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
     if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
@@ -71,9 +73,27 @@ def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
             yield str(part)
 
 
-def _all_keys(model: type[BaseModel]) -> list[str]:
-    found: set[str] = set()
-    schema = model.model_json_schema()
-    for block in [schema, *schema.get("$defs", {}).values()]:
-        found |= set(block.get("properties", {}))
-    return sorted(found)
+def _keys_there(schema: dict[str, Any], location: tuple[int | str, ...]) -> set[str]:
+    """Keys that the section at a place can have; of one that may be of several kinds, those of all that fit."""
+    nodes = _alternatives(schema, schema)
+    for part in location:
+        nodes = [inner for node in nodes for below in _below(node, part) for inner in _alternatives(below, schema)]
+    return {key for node in nodes for key in node.get("properties", {})}
+
+
+def _below(node: dict[str, Any], part: int | str) -> list[dict[str, Any]]:
+    """What a schema has under a key or number; a union's tag leads to those of that type or kind."""
+    if (properties := node.get("properties")) is not None:
+        tags = {properties.get(key, {}).get("const") for key in ("type", "kind")}
+        return [properties[part]] if part in properties else [node] if part in tags else []
+    if isinstance(part, int):
+        return [*node.get("prefixItems", [])[part : part + 1], *([node["items"]] if isinstance(node.get("items"), dict) else [])]
+    return [node["additionalProperties"]] if isinstance(node.get("additionalProperties"), dict) else []
+
+
+def _alternatives(node: dict[str, Any], schema: dict[str, Any]) -> list[dict[str, Any]]:
+    """The schemas that one stands for, references and unions resolved."""
+    if "$ref" in node:
+        return _alternatives(schema["$defs"][node["$ref"].rpartition("/")[2]], schema)
+    several = node.get("anyOf") or node.get("oneOf")
+    return [inner for one in several for inner in _alternatives(one, schema)] if several else [node]

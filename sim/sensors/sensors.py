@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from models.attitude import quaternion
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
@@ -26,6 +26,8 @@ Array = NDArray[np.floating]
 
 class SensorSettings(Section):
     """Attitude and rate from the IMU, wheel speeds from the drives' monitor outputs, all read once a control tick."""
+
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema["properties"].update({"set": {"type": "string"}}))  # in files
 
     attitude_noise_rad: NonNegative = Field(4e-4, description="standard deviation of a small rotation about each body axis")
     quaternion_noise: NonNegative = Field(0.0, description="standard deviation added to each component of q, which is then scaled to one")

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 def pixels(figure: Figure) -> NDArray[np.uint8]:
     """A figure with its layout, (rows, columns, 4)."""
     canvas = FigureCanvasAgg(figure)
+    for headline in figure.texts:  # which hold the user's words: a dollar is a dollar there
+        headline.set_parse_math(False)
     if (layout := figure.get_layout_engine()) is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")

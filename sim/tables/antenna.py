@@ -7,7 +7,7 @@ from rich.table import Table
 from sim.controllers.settings import UnfalsifiedSettings
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 _SWITCHING = (  # metric, whether it is shown over lambda
     ("switches", False),
@@ -27,7 +27,8 @@ def antenna(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     channels = [c for c in ("azimuth", "elevation") if any(row.subject == c for row in rows)]
     names = list(scenario.loops)
     table = plain_table(
-        "Pointing error and torque, RMS of the second half of the run", f"means over {trials} trials; ratio: {names[0]} over {names[-1]}"
+        "Pointing error and torque, RMS of the second half of the run",
+        f"means over {counted(trials, 'trial')}; ratio: {names[0]} over {names[-1]}",
     )
     table.add_column("channel")
     for unit in ("deg", "N m"):

@@ -6,17 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from sim.crosscheck.attribution import SUPERPOSE, size_deg
 from sim.crosscheck.divergence import passes, rms
 from sim.crosscheck.study import CrossCheck
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
 LARGE_DEG = 60.0  # turns beyond do not add as vectors
 
 
-def _table(title: str, caption: str) -> Table:
+def _table(title: str, caption: str | Text) -> Table:
     look = {"title_justify": "left", "title_style": "bold", "caption_justify": "left", "caption_style": "dim"}
     return Table(title=title, caption=caption, box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False, width=80, **look)  # type: ignore[arg-type]
 
@@ -40,9 +42,9 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f}".replace("-0.0", "0.0") if abs(share) < 5e-4 else f"{100 * share:.1f}"
 
 
-def verdict(good: bool, yes: str, no: str) -> str:
+def verdict(good: bool, yes: str, no: str) -> Text:
     """In green or red."""
-    return f"[green]{yes}[/]" if good else f"[bold red]{no}[/]"
+    return Text(yes, style="green") if good else Text(no, style="bold red")
 
 
 def _moment(values: Array) -> str:
@@ -59,19 +61,17 @@ def divergence_table(found: CrossCheck) -> Table:
     shown = tuple(dict.fromkeys((*found.ticks[-4:], last)))
     table = _table(
         f"Divergence of {found.model.name} from the plant, open loop, same commands",
-        f"passed: median of {trials} trials (* not in all); values: RMS over the trials;\n{_relative(found)}",
+        f"passed: median of {counted(trials, 'trial')} (* not in all); values: RMS over the trials;\n{_relative(found)}",
     )
     table.add_column("quantity", no_wrap=True)
     table.add_column("threshold", justify="right", no_wrap=True)
-    table.add_column("passed\n\\[s]", justify="right")
+    table.add_column("passed\n[s]", justify="right")
     for tick in shown:
         table.add_column(f"at\n{found.instant(tick)}", justify="right")
     for quantity in found.quantities:
         values, limit = found.apart[quantity.name], found.thresholds[quantity.name]
         passed = _moment(passes(values, limit, found.tick_s))
-        table.add_row(
-            f"{quantity.label} [dim]{unit(quantity.unit)}[/]", number(limit), passed, *(_short(float(rms(values)[tick])) for tick in shown)
-        )
+        table.add_row(_of_unit(quantity.label, quantity.unit), number(limit), passed, *(_short(float(rms(values)[tick])) for tick in shown))
     return table
 
 
@@ -104,7 +104,7 @@ def attribution_table(found: CrossCheck) -> Table:
     return table
 
 
-def attribution_verdict(found: CrossCheck) -> str:
+def attribution_verdict(found: CrossCheck) -> str | Text:
     """Whether the effects superpose, and if not, why."""
     causes = found.causes
     bad = [tick for tick in found.ticks if not causes.superposes(tick)]
@@ -113,7 +113,7 @@ def attribution_verdict(found: CrossCheck) -> str:
     angle = size_deg(causes.total[bad[0]])
     when = ", ".join(found.instant(tick) for tick in bad)
     large = f"the total is a turn of {angle:.0f} deg, and large turns do not add as vectors"
-    return f"[yellow]do not superpose at {when}: {large if angle > LARGE_DEG else 'the effects change one another'}[/]"
+    return Text(f"do not superpose at {when}: {large if angle > LARGE_DEG else 'the effects change one another'}", style="yellow")
 
 
 def checks_table(found: CrossCheck) -> Table:
@@ -136,11 +136,11 @@ def failures_table(found: CrossCheck) -> Table:
     table = _table("As printed: these must fail", how)
     for heading, side in (("variant", "left"), ("error of", "left"), ("right", "right"), ("printed", "right"), ("limit", "right")):
         table.add_column(heading, justify=side, no_wrap=heading != "error of")  # type: ignore[arg-type]
-    table.add_column("when\n\\[s]", justify="right", no_wrap=True)
+    table.add_column("when\n[s]", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
     for failure in found.failures:
         figures = (number(failure.right), number(failure.printed), number(failure.limit), number(failure.when))
-        what = f"{failure.measure} [dim]{unit(failure.unit)}[/]"
+        what = _of_unit(failure.measure, failure.unit)
         table.add_row(failure.variant, what, *figures, verdict(failure.fails, "fails", "HOLDS"))
     return table
 
@@ -148,6 +148,11 @@ def failures_table(found: CrossCheck) -> Table:
 def unit(name: str) -> str:
     """Unit of a figure as a person reads it; relative figures have none."""
     return "" if name == "1" else name
+
+
+def _of_unit(what: str, its_unit: str) -> Text:
+    """A quantity with its unit."""
+    return Text.assemble(what, " ", (unit(its_unit), "dim"))
 
 
 def tables(found: CrossCheck) -> tuple[Table, ...]:

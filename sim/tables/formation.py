@@ -6,7 +6,7 @@ from rich.table import Table
 
 from sim.metrics.results import Row
 from sim.scenario.formation import FormationScenario
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 _COLUMNS = (  # metric, heading, factor
     ("skae", "SKAE", 1.0),
@@ -23,7 +23,7 @@ def formation(rows: list[Row], scenario: FormationScenario, trials: int) -> list
     """Errors of every loop in every phase, and when each formation settles."""
     found = {(row.subject, row.metric, row.phase): row for row in rows}
     subjects = list(dict.fromkeys(row.subject for row in rows))
-    caption = f"means over {trials} trial{'s' if trials != 1 else ''}; rates are those of the modified Rodrigues parameters"
+    caption = f"means over {counted(trials, 'trial')}; rates are those of the modified Rodrigues parameters"
     table = plain_table("Attitude errors of the formation", caption)
     table.add_column("subject")
     table.add_column("phase")

@@ -6,7 +6,7 @@ from rich.table import Table
 
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 # metric, heading, factor
 _COLUMNS = (
@@ -30,7 +30,7 @@ def learned(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         if not any((name, "learned_torque_error", phase) in found for name in names):
             continue
         spanned = f"{phase} s" if phase in scenario.phases else "the whole run"
-        caption = f"means over {trials} trials of RMS; torques: RMS a body axis, learned minus true; rates: sum of three"
+        caption = f"means over {counted(trials, 'trial')} of RMS; torques: RMS a body axis, learned minus true; rates: sum of three"
         table = plain_table(f"Unmodelled torque: tracking and learning, {spanned}", caption)
         table.add_column("loop", overflow="fold")
         for _, heading, _ in _COLUMNS:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from estimation.consistency import average_bounds
 from sim.metrics.claims import Claim
@@ -15,7 +16,7 @@ from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
 from sim.scenario.run import Published
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, paper, plain_table
 from sim.tables.learned import learned
 
 # metric, heading, factor
@@ -75,7 +76,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     several = sorted(set(dof.values()), reverse=True)
     bands = {n: "{:.2f} .. {:.2f}".format(*average_bounds(n, trials)) for n in several}
     complete = not found.get(("loop", "incomplete_readings"), 0.0)
-    caption = f"means over {trials} trials"
+    caption = f"means over {counted(trials, 'trial')}"
     if several:
         what = "NEES and NIS" if complete else "NEES, and NIS of complete readings,"
         within = ", ".join(bands[n] if len(several) == 1 else f"{bands[n]} with {n} dof" for n in several)
@@ -115,7 +116,7 @@ def residuals(rows: list[Row], published: Published) -> Table:
     """The paper's own table, state by state: the twin's residual RMSE and, in colour, the printed one (both 1e-3)."""
     found = _lookup(rows, "all")
     names = [name for name in published.values if (name, "rmse_residual_q1") in found]
-    table = plain_table(f"Residual RMSE as in {published.source}, 1e-3: twin and [cyan]paper[/]")
+    table = plain_table(Text.assemble(f"Residual RMSE as in {published.source}, 1e-3: twin and ", paper("paper")))
     table.add_column("state")
     for name in names:
         table.add_column(name, justify="right")
@@ -123,8 +124,10 @@ def residuals(rows: list[Row], published: Published) -> Table:
         cells = []
         for name in names:
             printed = published.values[name].get(f"rmse_residual_{state}")
-            beside = "-" if printed is None else f"{1e3 * printed:.4f}"
-            cells.append(f"{1e3 * found[name, f'rmse_residual_{state}']:.4f} [cyan]{beside:>6}[/]")
+            twin, beside = (
+                "-" if value is None else f"{1e3 * value:.4f}" for value in (found.get((name, f"rmse_residual_{state}")), printed)
+            )
+            cells.append(Text.assemble(twin, " ", paper(f"{beside:>6}")))
         table.add_row("sum" if state == "total" else state, *cells)
     return table
 
@@ -161,7 +164,8 @@ def _campaign_caption(point: dict[str, Any]) -> str:
 def loop(rows: list[Row]) -> str:
     """One line on the closed loop."""
     found = _lookup(rows, "all")
-    parts = [f"{label} {number(factor * found['loop', metric])} {unit}".rstrip() for metric, label, unit, factor in _LOOP]
+    values = [(found.get(("loop", metric)), label, unit, factor) for metric, label, unit, factor in _LOOP]
+    parts = [f"{label} {number(None if value is None else factor * value)} {unit}".rstrip() for value, label, unit, factor in values]
     return "Loop: " + ", ".join(parts)
 
 
@@ -178,7 +182,9 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         if not kept:
             continue
         table = plain_table(
-            f"Tracking error by the truth, RMSE in deg, phase {phase}" + (f": twin and [cyan]{published.source}[/]" if published else "")
+            Text.assemble(
+                f"Tracking error by the truth, RMSE in deg, phase {phase}", *((": twin and ", paper(published.source)) if published else ())
+            )
         )
         table.add_column("loop", overflow="fold")
         for _, heading, _ in kept:
@@ -187,7 +193,7 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
             if (name, kept[0][0], phase) in found:
                 table.add_row(name, *(_beside(found, printed, name, metric, phase, factor) for metric, _, factor in kept))
         out.append(table)
-    table = plain_table("Effort, RMS a body axis in N m", f"means over {trials} trials")
+    table = plain_table("Effort, RMS a body axis in N m", f"means over {counted(trials, 'trial')}")
     table.add_column("loop", overflow="fold")
     for axis in "xyz":
         table.add_column(axis, justify="right", no_wrap=True)
@@ -209,11 +215,11 @@ def loops(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
 
 def _beside(
     found: dict[tuple[str, str, str], float], printed: dict[str, dict[str, float]], name: str, metric: str, phase: str, factor: float
-) -> str:
+) -> Text:
     """A number, and the printed one in colour if there is any."""
-    value, paper = found.get((name, metric, phase)), printed.get(name, {}).get(metric if phase == "all" else f"{metric}@{phase}")
-    beside = f" [cyan]{number(factor * paper):>5}[/]" if paper is not None else 6 * " " if printed else ""
-    return number(None if value is None else factor * value) + beside
+    value, said = found.get((name, metric, phase)), printed.get(name, {}).get(metric if phase == "all" else f"{metric}@{phase}")
+    beside = paper(f" {number(factor * said):>5}") if said is not None else 6 * " " if printed else ""
+    return Text.assemble(number(None if value is None else factor * value), beside)
 
 
 def claims(found: list[Claim]) -> Table:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from rich.table import Table
+from rich.text import Text
 
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, paper, plain_table
 
 _ERRORS = (("rms_rate_error", "rate, 1e-3 rad/s of an axis", 1e3), ("rms_attitude_error", "attitude, 1e-3 of q1, q2, q3", 1e3))
 _ENDS = (
@@ -24,7 +25,7 @@ def windows(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     spans = [name for name in scenario.phases if any((loop, "rms_rate_error", name) in found for loop in scenario.loops)]
     tables = []
     for metric, what, factor in _ERRORS:
-        table = plain_table(f"RMS error of the estimate: {what}", f"means over {trials} trials")
+        table = plain_table(f"RMS error of the estimate: {what}", f"means over {counted(trials, 'trial')}")
         table.add_column("loop", overflow="fold")
         for name in spans:
             table.add_column(f"{name} s", justify="right", no_wrap=True)
@@ -41,20 +42,20 @@ def _ends(found: dict[tuple[str, str, str], Row], scenario: Scenario, trials: in
     printed = published.values if published else {}
     shown = [column for column in _ENDS if any((loop, column[0], "all") in found for loop in scenario.loops)]
     table = plain_table(
-        "Body and filter" + (f"; [cyan]{published.source}[/]" if published else ""),
+        Text.assemble("Body and filter", *(("; ", paper(published.source)) if published else ())),
         f"region: |q_i| < 1e-3 and rates < 50e-6 rad/s, first time, mean of the trials that came there (how many of {trials})",
     )
     table.add_column("loop", overflow="fold")
     for heading in [heading for _, heading in (*_REGION, *shown)]:
         table.add_column(heading, justify="right", no_wrap=True)
     for loop in scenario.loops:
-        cells = []
+        cells: list[str | Text] = []
         for phase, _ in _REGION:
             row = found.get((loop, "time_to_region_s", phase))
-            paper = printed.get(loop, {}).get(f"time_to_region_s@{phase}")
+            said = printed.get(loop, {}).get(f"time_to_region_s@{phase}")
             estimated = phase == "state" or (loop, "lost", "all") in found
             value = f"{row.mean:.0f} ({row.n})" if row else "never" if estimated else number(None)
-            cells.append(value + (f" [cyan]{paper:.0f}[/]" if paper is not None else ""))
+            cells.append(Text.assemble(value, *((" ", paper(f"{said:.0f}")) if said is not None else ())))
         for metric, _ in shown:
             row = found.get((loop, metric, "all"))
             cells.append(number(row and row.mean * (trials if metric == "lost" else 1.0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -148,18 +149,18 @@ class UserFilter:
 
     def _part(self, own: Any, name: str, shape: tuple[int, ...], method: str, default: Any = np.nan) -> Array:
         """One array of a belief; all but the mean may be left out, and broadcast."""
-        value = getattr(own, name, None)
+        with self.source.blamed(method):
+            value = getattr(own, name, None)
         if value is None:
             if default is None:
                 raise self.source.complaint(method, f"returned {type(own).__name__} without `{name}`")
             value = default
-        try:
+        array = np.zeros(0)
+        with self.source.blamed(method, f" (in {name})"), suppress(TypeError, ValueError):
             array = np.array(value, dtype=float)
             array = array if name == "mean" else np.array(np.broadcast_to(array, shape))
-        except (TypeError, ValueError):
-            array = np.zeros(0)
         if array.shape != shape:
-            raise self.source.complaint(method, f"{name} has shape {np.shape(value)}, needs {shape} of numbers")
+            raise self.source.complaint(method, f"{name} has shape {_shape(value)}, needs {shape} of numbers")
         return array
 
 
@@ -169,3 +170,11 @@ def _never_read(place: Surroundings, states: Array) -> Array:
     for block in place.unread:
         seen[..., place.setting.layout.places[block]] = np.nan
     return seen
+
+
+def _shape(value: Any) -> tuple[int, ...] | str:
+    """Of an array, or the type of what is none."""
+    try:
+        return np.shape(value)
+    except (TypeError, ValueError):
+        return type(value).__name__

@@ -32,10 +32,11 @@ class UserClass:
         self.file, _, self.title = text.rpartition(":")
         if not self.file or not self.title.isidentifier():
             raise BadInput(f"{option} {text}: needs the form FILE.py:CLASS")
-        self._path, self._lines = str(Path(self.file).resolve()), {"": 1}
+        self._lines = {"": 1}
         try:
-            source = Path(self._path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as unreadable:
+            self._path = str(Path(self.file).resolve())
+            source = Path(self._path).read_text(encoding="utf-8-sig")
+        except (OSError, ValueError) as unreadable:
             raise BadInput(f"{option} {text}: {getattr(unreadable, 'strerror', None) or unreadable}") from None
         module = ModuleType(f"guest_{Path(self.file).stem}")
         module.__file__ = self._path
@@ -45,7 +46,7 @@ class UserClass:
             sys.path.append(folder)  # for what lies beside the file
         with self.blamed(""):
             exec(compile(source, self._path, "exec"), module.__dict__)
-        found = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
+            found = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
         self.type: Any = getattr(module, self.title, None)
         if not isinstance(self.type, type):
             raise BadInput(f"{option} {text}: no class {self.title} in {self.file}; there are {', '.join(found) or 'none'}")
@@ -57,7 +58,8 @@ class UserClass:
             code = getattr(found_method, "__code__", None)
             if code and code.co_filename == self._path:
                 self._lines[method] = code.co_firstlineno
-        given = getattr(self.type, "name", None)
+        with self.blamed(""):
+            given = getattr(self.type, "name", None)
         parts = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"
         self.name: str = given if isinstance(given, str) and given else re.sub(parts, "-", self.title).lower()
 
@@ -75,11 +77,22 @@ class UserClass:
         """Turn any exception inside into a complaint at the line of the user's file that led to it."""
         try:
             yield
-        except (Exception, SystemExit) as wrong:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as wrong:  # also what a program seldom raises: an exit, a generator's end
             lines = [frame.lineno for frame in traceback.extract_tb(wrong.__traceback__) if frame.filename == self._path]
             if isinstance(wrong, SyntaxError) and wrong.filename == self._path:
                 lines.append(wrong.lineno)
-            said = str(wrong).splitlines()
+            said = words_of(wrong)
             line = lines[-1] if lines else self._lines.get(method, self._lines[""])
-            what = f"{self.title}{method and '.'}{method}: {type(wrong).__name__}{': ' + said[0] if said else ''}{when}"
+            what = f"{self.title}{method and '.'}{method}: {type(wrong).__name__}{': ' + said if said else ''}{when}"
             raise BadInput(f"{self.file}:{line}: {what}") from None
+
+
+def words_of(wrong: BaseException) -> str:
+    """First line of what an exception says of itself, if it can."""
+    try:
+        said = str(wrong).splitlines()
+    except Exception:  # the user's own class may be unable to
+        return ""
+    return said[0] if said else ""

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from sim.bad_input import BadInput
+from sim.names import WHAT_A_NAME_IS, is_a_name
 from sim.user_code.filters import UserFilter
 from sim.user_code.laws import UserLaw
 from sim.user_code.surroundings import Surroundings
@@ -50,8 +51,9 @@ class UserCode:
             return
         taken = [*reserved]
         for text, name in zip(self.observers, self.names, strict=True):
-            if name in taken or "/" in name:
-                raise BadInput(f"--observer {text}: {name!r} cannot be its name (taken or reserved); give the class another `name = '...'`")
+            if name in taken or not is_a_name(name):
+                why = "taken or reserved" if name in taken else WHAT_A_NAME_IS
+                raise BadInput(f"--observer {text}: {name[:40]!r} cannot be its name ({why}); give the class another `name = '...'`")
             taken.append(name)
         for user in self.filters(place):
             user.rehearse()

@@ -69,6 +69,9 @@ class PlantKind(Generic[P]):
       believed_inertia: what control laws take it for, (3, 3) kg m2; None: its own with wheels locked.
       drives: how its wheels' drives err.
       air: torque of the air; None: there is none.
+      tilt_limit_deg: greatest angle between z of B and the vertical, where a stop is met; None: it turns freely.
+      no_load_speed: greatest speed that its drives can give a wheel, rad/s; None: nothing limits it.
+      filled_s: time after which outer torques that it always has have filled its wheels, s.
       holds: set-points of actuators other than the wheels', by name, as they are at the start.
       joints: what resists in joints that `dispersible` parameters change, by name.
       dispersible: parameters that can differ between the trials of one batch; the others are part of the compiled model.
@@ -90,6 +93,9 @@ class PlantKind(Generic[P]):
     believed_inertia: Callable[[P], Array] | None = None
     drives: Callable[[P], DriveErrors] | None = None
     air: Callable[[P], AirTorque] | None = None
+    tilt_limit_deg: float | None = None
+    no_load_speed: Callable[[P], float] | None = None
+    filled_s: Callable[[P], float] = lambda _: np.inf
     holds: Callable[[P], Mapping[str, float]] = lambda _: {}
     joints: Callable[[P], Mapping[str, Joint]] = lambda _: {}
     dispersible: tuple[str, ...] = ()

@@ -11,9 +11,9 @@ from rich.table import Table
 
 from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution
-from sim.report.campaign.panels import panels
+from sim.report.campaign.panels import legend, panels
 from sim.series.palette import on_light
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 COLUMNS = 4
 FENCE = 1.5  # interquartile ranges beyond the quartiles: an outlier (Tukey 1977)
@@ -56,7 +56,7 @@ def _spread(axes: Axes, metric: str, some: list[Distribution]) -> None:
     if low > 0 and high > 20 * low:
         axes.set_xscale("log")
     axes.set(title=metric, xlabel=f"[{some[0].unit}]", ylabel="trials with less [%]")
-    axes.legend(fontsize=6)
+    legend(axes, fontsize=6)
 
 
 def table(found: list[Distribution], failed: list[int], trials: int) -> Table:
@@ -64,7 +64,7 @@ def table(found: list[Distribution], failed: list[int], trials: int) -> Table:
     caption = f"outliers: beyond {FENCE:g} interquartile ranges" + (
         f"; failed: trials {', '.join(map(str, failed))}" if failed else "; none failed"
     )
-    out = plain_table(f"Over {trials} trials", caption)
+    out = plain_table(f"Over {counted(trials, 'trial')}", caption)
     out.add_column("metric", overflow="fold")
     out.add_column("of", overflow="fold")
     for heading in ("5 %", "median", "95 %"):

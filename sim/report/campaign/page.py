@@ -14,9 +14,11 @@ from scipy.stats import binomtest
 
 from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution, beats_both_by_trial
+from sim.report.campaign.panels import legend
 from sim.series.palette import on_light
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -37,7 +39,13 @@ def write_report(path: Path, campaign: Campaign, found: list[Distribution], poin
             axes.set_title(f"({letter}) {axes.get_title(loc='left')}", loc="left")
         figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         spread = ", ".join(key.partition(".")[2] for key in campaign.dispersion)
-        figure.text(0.01, 0.957, f"{campaign.scenario}, {campaign.trials} trials | dispersed: {spread}"[:170], fontsize=8, color="#5a6270")
+        figure.text(
+            0.01,
+            0.957,
+            f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | dispersed: {spread}"[:170],
+            fontsize=8,
+            color="#5a6270",
+        )
         write_png(figure, path)
 
 
@@ -52,7 +60,7 @@ def _errors(axes: Axes, found: list[Distribution]) -> None:
             values = np.sort(1e3 * d.values)
             axes.plot(values, 100.0 * (np.arange(len(values)) + 0.5) / len(values), color=_color(d.subject), label=d.subject, lw=1.5)
     axes.set(title="Rate error against the truth", xlabel="sum of RMSE over the components [mrad/s]", ylabel="trials with less [%]")
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")
 
 
 def _who_wins(axes: Axes, campaign: Campaign, found: list[Distribution]) -> None:
@@ -80,7 +88,7 @@ def _who_wins(axes: Axes, campaign: Campaign, found: list[Distribution]) -> None
     axes.axhspan(100 * interval.low, 100 * interval.high, color="#1b4f9c", alpha=0.15, lw=0)
     axes.axhline(100 * wins.mean(), color="#1b4f9c", lw=1.0, ls="--", label=f"all: {100 * wins.mean():.1f} %")
     axes.set_ylim(min(90.0, axes.get_ylim()[0]), 101.0)
-    axes.legend(loc="lower left", ncols=2)
+    legend(axes, loc="lower left", ncols=2)
 
 
 def _delays(axes: Axes, found: list[Distribution]) -> None:
@@ -94,7 +102,7 @@ def _delays(axes: Axes, found: list[Distribution]) -> None:
             )
     axes.set(title="Detection delay", xlabel="delay [s]", ylabel="trials that have declared [%]", xscale="log", ylim=(0, 101))
     axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")
 
 
 def _characteristic(axes: Axes, point: dict[str, Any]) -> None:
@@ -116,4 +124,4 @@ def _characteristic(axes: Axes, point: dict[str, Any]) -> None:
         xlim=(-2, 102),
         ylim=(-2, 102),
     )
-    axes.legend(loc="lower right")
+    legend(axes, loc="lower right")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 from sim.campaign.settings import Campaign
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.table_style import counted
 
 
 @contextmanager
@@ -28,5 +30,11 @@ def panels(path: Path, campaign: Campaign, count: int, columns: int, height: flo
         yield axes[:count]
         figure.suptitle(f"{campaign.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         place = 1.0 - 0.43 / figure.get_figheight()
-        figure.text(0.01, place, f"{campaign.scenario}, {campaign.trials} trials | {about}", fontsize=8, color="#5a6270")
+        figure.text(0.01, place, f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | {about}", fontsize=8, color="#5a6270")
         write_png(figure, path)
+
+
+def legend(axes: Axes, **look: Any) -> None:
+    """A legend, if anything was drawn that it could name."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**look)

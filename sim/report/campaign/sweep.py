@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from sim.campaign.settings import Campaign
-from sim.report.campaign.panels import panels
+from sim.report.campaign.panels import legend, panels
 from sim.series.palette import LOOP_VARIANTS
-from sim.table_style import number, plain_table
+from sim.table_style import counted, number, plain_table
 
 COLUMNS = 3
 DASHES = ("-", "--", ":", "-.")
@@ -37,8 +37,8 @@ def tables(campaign: Campaign, rows: list[Row]) -> Iterator[Table]:
         found = {(row["point"], row["subject"]): row for row in some}
         for first in range(0, len(subjects), SUBJECTS):
             table = plain_table(
-                f"{metric}{'' if phase == 'all' else f', {phase}'} [{unit}]".replace("[", r"\["),
-                f"median (5 .. 95 %) of {campaign.trials} trials, or of n",
+                f"{metric}{'' if phase == 'all' else f', {phase}'} [{unit}]",
+                f"median (5 .. 95 %) of {counted(campaign.trials, 'trial')}, or of n",
             )
             for key in campaign.grid:
                 table.add_column(key.rpartition(".")[2], justify="right", overflow="fold")
@@ -89,7 +89,7 @@ def _curves(axes: Axes, campaign: Campaign, key: str, some: list[Row]) -> None:
     least, greatest = min(row["q05"] for row in some), max(row["q95"] for row in some)
     if 0 < 20 * least < greatest:
         axes.set_yscale("log")
-    axes.legend(fontsize=6)
+    legend(axes, fontsize=6)
 
 
 def _places(values: list[float]) -> tuple[dict[float, float], list[str]]:

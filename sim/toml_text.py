@@ -1,0 +1,41 @@
+"""TOML that a user wrote, read; every complaint is one line."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from sim.bad_input import BadInput
+
+
+def read(path: Path, label: str) -> dict[str, Any]:
+    """A file's tables, with or without a byte-order mark; raises BadInput, which begins with `label`."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as refused:
+        raise BadInput(f"{label}: cannot be read: {refused.strerror}") from None
+    except ValueError as broken:  # of the encoding, the syntax, or a number with thousands of digits
+        raise BadInput(f"{label}: cannot be read as TOML: {broken}") from None
+    except RecursionError:
+        raise BadInput(f"{label}: cannot be read as TOML: nested too deeply") from None
+
+
+def is_there(path: Path) -> bool:
+    """Whether there is such a file; one whose name is too long or no name at all is not there."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def value(text: str) -> Any:
+    """A single value; what is no TOML is text. Raises BadInput if it can be neither."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    except ValueError as broken:
+        raise BadInput(f"{text[:40]}: cannot be read: {broken}") from None
+    except RecursionError:
+        raise BadInput(f"{text[:40]}: is nested too deeply") from None
