@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from sim.bad_input import BadInput
-from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
+from sim.cli.terminal import FAILED, INTERRUPTED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
 from sim.user_code.user_code import UserCode
+
+if TYPE_CHECKING:
+    from sim.replay.flight_log import FlightLog  # Arrow takes its time to import
 
 FILES = ("estimates.parquet", "summary.json", "replay.png")
 
@@ -25,6 +30,7 @@ _COLUMNS = (
     ("rmse_residual_quaternion", "resid.\nq\n1e-3", 1e3),
     ("rmse_residual_rate", "resid.\nrate\n1e-3", 1e3),
     ("nis_mean", "NIS", 1.0),
+    ("nis_dof_mean", "of\ndof", 1.0),
     ("nis_inside_fraction", "NIS in\n95 %\n%", 100.0),
     ("white_fraction", "white\nlags\n%", 100.0),
     ("declared_fraction", "decl.\n\n%", 100.0),
@@ -46,6 +52,7 @@ def replay(
     ] = None,
     tuning: Annotated[str | None, typer.Option(help="tuning of all filters, `paper` or `consistent`; default: as the log says")] = None,
     overrides: Overrides = None,
+    trust: Annotated[bool, typer.Option("--trust", help="go on with a log in which units, order or signs look wrong")] = False,
     folder: Annotated[Path | None, typer.Option("--out", help="folder for the results; default: a new one under runs/")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
 ) -> None:
@@ -53,20 +60,22 @@ def replay(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from sim.plant.batch import SimulationFailed
     from sim.replay.estimates import estimates
-    from sim.replay.flight_log import about, read
+    from sim.replay.flight_log import read
     from sim.replay.log_columns import columns_of
+    from sim.replay.log_file import LogFile
     from sim.replay.metrics import evaluate
+    from sim.replay.replay import Replayed
     from sim.replay.replay import replay as run_over
     from sim.replay.setting import choose, setting, why_not
     from sim.report.replay import write_picture
 
-    said = about(log)
+    file = LogFile.opened(log)
+    said = file.about
     scenario = setting(said, str(log), tuning, dict(parse_override(text) for text in overrides or []))
     user_code = UserCode(tuple(observers or ()))
     user_code.check(surroundings(scenario), names_taken(scenario))
-    blocks = read(log, columns_of(scenario))
+    blocks = read(file, columns_of(scenario))
     wanted = filters or []
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
     skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
@@ -75,17 +84,26 @@ def replay(
     blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
     if not blocks:
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
+    _check_plausible(log, blocks, scenario, trust)
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
+    for note in (note for block in blocks for note in block.notes):
+        err.print(f"note: {note}", style="yellow", markup=False)
     started = time.perf_counter()
+    replayed: list[Replayed] = []
+    stopped = False
     try:
-        replayed = [run_over(block, chosen[block.loop][0], user_code) for block in blocks]
-    except SimulationFailed as failure:
-        err.print(f"error: {failure}")
-        raise typer.Exit(FAILED) from None
+        for block in blocks:
+            replayed.append(run_over(block, chosen[block.loop][0], user_code))
+    except KeyboardInterrupt:
+        stopped = True
+    if not replayed:
+        err.print("interrupted before a trial was finished; nothing was written")
+        raise typer.Exit(INTERRUPTED)
     metrics = evaluate(replayed, scenario)
     wall = time.perf_counter() - started
-    trials = len({(int(trial)) for block in blocks for trial in block.trials})
-    seconds = sum(block.dt * block.reading.shape[0] * len(block.trials) for block in blocks)
+    broken = [one for result in replayed for one in result.recording.lost]
+    trials = len({int(trial) for result in replayed for trial in result.recording.trials} - {one.trial for one in broken})
+    seconds = sum(float(np.sum(block.time[-1] - block.time[0] + block.dt)) for block in blocks[: len(replayed)])
     if overwrite and target.is_dir():
         for old in FILES:
             (target / old).unlink(missing_ok=True)
@@ -94,16 +112,41 @@ def replay(
     pq.write_table(pa.concat_tables(tables, promote_options="default"), target / "estimates.parquet")
     write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
     if replayed[0].recording.observers:
-        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording, replayed[0].layout)
-    out.print(f"[bold]Replay of {log}[/]: {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n")
+        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0])
+    counted = f"{trials} trial{'s' * (trials != 1)}, {seconds:.0f} s"
+    out.print(f"[bold]Replay of {escape(str(log))}[/]: {counted}, filters set up for {escape(_origin(said, scenario))}\n")
     out.print(_table(rows(metrics)))
     for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
         if (target / name).is_file():
-            out.print(f"{label:<10} {target / name}")
+            out.print(f"{label:<10} {target / name}", markup=False, soft_wrap=True)
+    if broken:
+        others = f"; and {len(broken) - 1} more" if len(broken) > 1 else ""
+        err.print(f"error: {broken[0]}{others}; what the filters made of the log until then is in {target}", markup=False)
+        raise typer.Exit(FAILED)
+    if stopped:
+        err.print(f"interrupted: {trials} trials were finished and kept in {target}", markup=False)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, trust: bool) -> None:
+    """One line of what does not fit in a log; raises BadInput unless it is trusted."""
+    from sim.replay.plausibility import complaints
+
+    where: dict[str, list[int]] = {}
+    for trial, sentence in (found for block in blocks for found in complaints(block, scenario)):
+        where.setdefault(sentence, []).append(trial)
+    if not where:
+        return
+    every = len({int(trial) for block in blocks for trial in block.trials})
+    parts = [sentence + ("" if len(set(trials)) == every else f" in trial {trials[0]}") for sentence, trials in where.items()]
+    line = f"{log}: {'; '.join(parts)}"
+    if not trust:
+        raise BadInput(f"{line}; put it right (docs/replay.md has the units), or add --trust to replay the log as it is")
+    err.print(f"warning: {line}; replayed as it is", style="yellow", markup=False)
 
 
 def _origin(about: dict[str, object], scenario: AnyScenario) -> str:
-    return str(about["scenario"]) if "settings" in about else f"the NACS as published ({scenario.source})"
+    return str(about.get("scenario", "a scenario without a name")) if "settings" in about else f"the NACS as published ({scenario.source})"
 
 
 def _table(statistics: list[Row]) -> Table:

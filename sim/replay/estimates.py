@@ -25,12 +25,15 @@ def estimates(replayed: Replayed) -> pa.Table:
         lead = (trials * ticks, layout.agents or 1)
         return array.reshape(*lead, -1)
 
+    ends = {one.trial: one.tick for one in recording.lost}  # of a trial in which a filter broke down nothing counts from there on
+    counts = (np.arange(ticks) < np.array([[ends.get(int(trial), ticks)] for trial in recording.trials])).reshape(-1)
     for name in recording.observers:
         columns: dict[str, Any] = {
             "trial": np.repeat(recording.trials, ticks),
             "tick": np.tile(np.arange(ticks), trials),
             "filter": pa.array([name] * (trials * ticks)),
             "loop": pa.array([replayed.loop] * (trials * ticks)),
+            "time_s": replayed.time.T.reshape(-1),
         }
         mean, sigma = flat(f"{name}/mean"), flat(f"{name}/sigma")
         for agent in np.arange(mean.shape[1]):
@@ -38,7 +41,7 @@ def estimates(replayed: Replayed) -> pa.Table:
             columns |= {f"{before}{key}": mean[:, agent, i] for i, key in enumerate(layout.names[: mean.shape[-1]])}
             columns |= {f"{before}sigma_{key}": sigma[:, agent, i] for i, key in enumerate(error_names(layout)[: sigma.shape[-1]])}
             columns |= {f"{before}{part}": flat(f"{name}/{part}")[:, agent, 0] for part in STATISTICS}
-        tables.append(pa.table(columns))
+        tables.append(pa.table(columns).filter(pa.array(counts)))
     return pa.concat_tables(tables, promote_options="default")
 
 
