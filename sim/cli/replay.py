@@ -6,14 +6,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from sim.bad_input import BadInput
-from sim.cli.terminal import FAILED, INTERRUPTED, Overrides, err, out, output_folder
+from sim.cli.terminal import FAILED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
@@ -60,12 +59,12 @@ def replay(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from sim.plant.batch import SimulationFailed
     from sim.replay.estimates import estimates
     from sim.replay.flight_log import read
     from sim.replay.log_columns import columns_of
     from sim.replay.log_file import LogFile
     from sim.replay.metrics import evaluate
-    from sim.replay.replay import Replayed
     from sim.replay.replay import replay as run_over
     from sim.replay.setting import choose, setting, why_not
     from sim.report.replay import write_picture
@@ -76,6 +75,8 @@ def replay(
     user_code = UserCode(tuple(observers or ()))
     user_code.check(surroundings(scenario), names_taken(scenario))
     blocks = read(file, columns_of(scenario))
+    if strange := sorted({block.loop for block in blocks} - set(scenario.loop_names)):
+        raise BadInput(f"{log}: column loop says {', '.join(strange)}; its scenario has {', '.join(scenario.loop_names)}")
     wanted = filters or []
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
     skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
@@ -89,21 +90,15 @@ def replay(
     for note in (note for block in blocks for note in block.notes):
         err.print(f"note: {note}", style="yellow", markup=False)
     started = time.perf_counter()
-    replayed: list[Replayed] = []
-    stopped = False
     try:
-        for block in blocks:
-            replayed.append(run_over(block, chosen[block.loop][0], user_code))
-    except KeyboardInterrupt:
-        stopped = True
-    if not replayed:
-        err.print("interrupted before a trial was finished; nothing was written")
-        raise typer.Exit(INTERRUPTED)
+        replayed = [run_over(block, chosen[block.loop][0], user_code) for block in blocks]
+    except SimulationFailed as failure:
+        err.print(f"error: {failure}", markup=False)
+        raise typer.Exit(FAILED) from None
     metrics = evaluate(replayed, scenario)
     wall = time.perf_counter() - started
-    broken = [one for result in replayed for one in result.recording.lost]
-    trials = len({int(trial) for result in replayed for trial in result.recording.trials} - {one.trial for one in broken})
-    seconds = sum(float(np.sum(block.time[-1] - block.time[0] + block.dt)) for block in blocks[: len(replayed)])
+    trials = len({(int(trial)) for block in blocks for trial in block.trials})
+    seconds = sum(float((block.time[-1] - block.time[0] + block.dt).sum()) for block in blocks)
     if overwrite and target.is_dir():
         for old in FILES:
             (target / old).unlink(missing_ok=True)
@@ -112,20 +107,13 @@ def replay(
     pq.write_table(pa.concat_tables(tables, promote_options="default"), target / "estimates.parquet")
     write_summary(target / "summary.json", str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described)
     if replayed[0].recording.observers:
-        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0])
-    counted = f"{trials} trial{'s' * (trials != 1)}, {seconds:.0f} s"
-    out.print(f"[bold]Replay of {escape(str(log))}[/]: {counted}, filters set up for {escape(_origin(said, scenario))}\n")
+        write_picture(target / "replay.png", f"Replay of {log.name}", replayed[0].recording, replayed[0].layout)
+    what = f": {trials} trials, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n"
+    out.print(Text.assemble((f"Replay of {log}", "bold"), what))
     out.print(_table(rows(metrics)))
     for label, name in (("Estimates", FILES[0]), ("Summary", FILES[1]), ("Picture", FILES[2])):
         if (target / name).is_file():
             out.print(f"{label:<10} {target / name}", markup=False, soft_wrap=True)
-    if broken:
-        others = f"; and {len(broken) - 1} more" if len(broken) > 1 else ""
-        err.print(f"error: {broken[0]}{others}; what the filters made of the log until then is in {target}", markup=False)
-        raise typer.Exit(FAILED)
-    if stopped:
-        err.print(f"interrupted: {trials} trials were finished and kept in {target}", markup=False)
-        raise typer.Exit(INTERRUPTED)
 
 
 def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, trust: bool) -> None:

@@ -22,18 +22,15 @@ def estimates(replayed: Replayed) -> pa.Table:
     def flat(channel: str) -> Array:
         """(ticks, trials, [agents,] ...) as (trials * ticks, agents or 1, ...)."""
         array = np.swapaxes(recording.channels[channel], 0, 1)
-        lead = (trials * ticks, layout.agents or 1)
-        return array.reshape(*lead, -1)
+        return array.reshape(trials * ticks, 1 if channel == "time_s" else layout.agents or 1, -1)
 
-    ends = {one.trial: one.tick for one in recording.lost}  # of a trial in which a filter broke down nothing counts from there on
-    counts = (np.arange(ticks) < np.array([[ends.get(int(trial), ticks)] for trial in recording.trials])).reshape(-1)
     for name in recording.observers:
         columns: dict[str, Any] = {
             "trial": np.repeat(recording.trials, ticks),
             "tick": np.tile(np.arange(ticks), trials),
             "filter": pa.array([name] * (trials * ticks)),
             "loop": pa.array([replayed.loop] * (trials * ticks)),
-            "time_s": replayed.time.T.reshape(-1),
+            "time_s": flat("time_s")[:, 0, 0],
         }
         mean, sigma = flat(f"{name}/mean"), flat(f"{name}/sigma")
         for agent in np.arange(mean.shape[1]):
@@ -41,7 +38,7 @@ def estimates(replayed: Replayed) -> pa.Table:
             columns |= {f"{before}{key}": mean[:, agent, i] for i, key in enumerate(layout.names[: mean.shape[-1]])}
             columns |= {f"{before}sigma_{key}": sigma[:, agent, i] for i, key in enumerate(error_names(layout)[: sigma.shape[-1]])}
             columns |= {f"{before}{part}": flat(f"{name}/{part}")[:, agent, 0] for part in STATISTICS}
-        tables.append(pa.table(columns).filter(pa.array(counts)))
+        tables.append(pa.table(columns))
     return pa.concat_tables(tables, promote_options="default")
 
 

@@ -50,7 +50,7 @@ class LogFile:
                 raise BadInput(
                     f"{path}: cannot be read as a log: it is no Parquet file{_rather(path)}; docs/replay.md shows how to write one"
                 )
-            table = pq.read_table(path)
+            table = pq.ParquetFile(path).read()
         except FileNotFoundError:
             raise BadInput(f"{path}: does not exist; name the file of a log") from None
         except OSError as refused:

@@ -20,15 +20,12 @@ from sim.replay.replay import Replayed, judge
 def evaluate(replayed: list[Replayed], scenario: Any) -> list[Metric]:
     """Of every filter in every trial; of a log of several loops the subjects are loop/filter."""
     loops, metrics, shards = list(dict.fromkeys(one.loop for one in replayed)), METRICS[scenario.family], []
-    for one in (one.sound() for one in replayed):
+    for one in replayed:
         recording, trials = one.recording, one.recording.trials
         found = [metric for metric in metrics(one, scenario) if metric.subject in recording.observers]
         for name in recording.observers:
             fit = judge(one, name)
-            freedom = np.where(one.freedom[name] > 0.0, one.freedom[name], np.nan)
-            freedom[0] = np.nan  # nothing was predicted of the first reading
-            extra = {"nis_dof_mean": mean_of_numbers(_by_trial(freedom))}
-            extra |= {"nis_inside_fraction": np.full(len(trials), fit.nis_inside), "white_fraction": np.full(len(trials), fit.white)}
+            extra = {"nis_inside_fraction": np.full(len(trials), fit.nis_inside), "white_fraction": np.full(len(trials), fit.white)}
             if recording.thresholds[name] is not None:
                 extra["declared_fraction"] = np.mean(recording.channels[f"{name}/declared"], axis=0)
             found += [Metric(name, metric, "all", "1", values) for metric, values in extra.items()]
@@ -51,6 +48,8 @@ def _of_agents(one: Replayed, scenario: Any) -> list[Metric]:  # noqa: ARG001
     for name in one.recording.observers:
         wrong = channels[f"{name}/mean"] - channels["truth/state"]
         values = {"nees_mean": channels[f"{name}/nees"], "nis_mean": channels[f"{name}/nis"]}
+        there = np.isfinite(channels[f"{name}/nis"]) & (channels[f"{name}/dof"] > 0.0)
+        values["nis_dof_mean"] = np.where(there, channels[f"{name}/dof"], np.nan)
         out += [Metric(name, metric, "all", "1", mean_of_numbers(_by_trial(array))) for metric, array in values.items()]
         squares = {"rms_velocity_error": np.sum(wrong[..., rate] ** 2, axis=-1)}
         if "position" in one.layout.places:
@@ -63,7 +62,7 @@ def _of_agents(one: Replayed, scenario: Any) -> list[Metric]:  # noqa: ARG001
 
 
 def _by_trial(channel: Array) -> Array:
-    """(ticks, trials, [agents]) as contiguous (trials, ticks agents)."""
+    """(ticks, trials, agents) as contiguous (trials, ticks agents)."""
     swapped = np.ascontiguousarray(np.swapaxes(channel, 0, 1))
     return swapped.reshape(len(swapped), -1)
 

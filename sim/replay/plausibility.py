@@ -23,8 +23,8 @@ from sim.units import RPM
 Array = NDArray[np.floating]
 Verdict = tuple[str, ...]  # what a log looks like; empty: as it should
 
-AS_IT_IS = 0.5  # misfit below which a stretch fits as it stands
-FITS = 0.2  # misfit below which a stretch fits another reading of it
+AS_IT_IS, BETTER = 0.1, 4.0  # misfit up to which a log fits as it stands, or how many times better another reading must fit it
+FITS, ALIKE = 0.2, 0.02  # misfit below which a stretch tells, and difference of misfits that tells nothing
 TELLING = 0.2  # share of the stretches that must fit some reading
 STRETCHES, WINDOWS = 10, 8  # most of them in a trial, and least number of windows in each
 LENGTHS = (1, 4, 16, 64)  # rows of a window
@@ -63,7 +63,6 @@ RATES = (
     Unit(1.0),
     Unit(np.pi / 180.0, "rates look like deg/s"),
     Unit(RPM, "rates look like rpm"),
-    Unit(1e-3, "rates look like mrad/s"),
     Unit(-1.0, "rates have the opposite sign"),
     Unit(-np.pi / 180.0, "rates look like deg/s of the opposite sign"),
 )
@@ -74,7 +73,6 @@ SPEEDS = (
     Unit(1.0),
     Unit(RPM, "wheel speeds look like rpm"),
     Unit(np.pi / 180.0, "wheel speeds look like deg/s"),
-    Unit(2.0 * np.pi, "wheel speeds look like revolutions per second"),
 )
 COMMANDS = (
     Unit(1.0),
@@ -104,8 +102,11 @@ def complaints(log: FlightLog, scenario: Any) -> list[tuple[int, str]]:
 def _of_a_body(time: Array, reading: Array, command: Array, scenario: Any) -> list[str]:
     """Of readings (rows, 7 + wheels), and commands (rows, wheels) or, without wheels, (rows, 3)."""
     assembly = assembly_of(scenario)
-    turning = _majority(_stretches(_turns(time, reading)))
-    clock = TIMES if turning is None else tuple(unit for unit in TIMES if unit.said and unit.said in turning) or TIMES[:1]
+    turns = _turns(time, reading)
+    turning = _judged(turns, _stretches(turns))
+    clock: Sequence[Unit] = TIMES
+    if turning is not None:  # the turns have told what time is
+        clock = tuple(Unit(unit.factor) for unit in TIMES[1:] if unit.said in " ".join(turning)) or TIMES[:1]
     wheels = reading[:, WHEELS].T
     if len(wheels):
         told = command.T / assembly.wheel_inertia
@@ -113,8 +114,8 @@ def _of_a_body(time: Array, reading: Array, command: Array, scenario: Any) -> li
     else:
         momentum = reading[:, RATE] @ assembly.inertia
         torque = command - quaternion.cross(reading[:, RATE], momentum)
-        pairs = [_accelerations(time, momentum, torque, RATES[:1], clock)] if turning == () else []
-    driven = _majority([vote for pair in pairs for vote in _stretches(pair)])
+        pairs = [_accelerations(time, momentum, torque, RATES[:1], clock)] if turning == () else [[]]
+    driven = _judged(pairs[0], np.concatenate([_stretches(pair) for pair in pairs], axis=-1)) if pairs[0] else None
     return list(dict.fromkeys([*(turning or ()), *(driven or ())]))
 
 
@@ -124,7 +125,8 @@ def _of_agents_in_the_plane(time: Array, reading: Array, known: Array, scenario:
     speed = np.where(np.isnan(speed), 0.0, speed)
     foretold = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)[:, None]
     factors = _product(PLACES, VELOCITIES, TIMES)
-    return list(_majority(_stretches([Comparison(np.nan_to_num(np.diff(place, axis=0)), foretold, factors)])) or ())
+    moves = [Comparison(np.nan_to_num(np.diff(place, axis=0)), foretold, factors)]
+    return list(_judged(moves, _stretches(moves)) or ())
 
 
 def _of_a_formation(time: Array, reading: Array, known: Array, scenario: Any) -> list[str]:  # noqa: ARG001
@@ -186,33 +188,43 @@ def _accelerations(time: Array, speed: Array, acceleration: Array, speeds: Seque
     return [Comparison(np.diff(speed[there], axis=0), np.diff(told[there], axis=0), _product(speeds, commands, clock))]
 
 
-def _majority(votes: list[Verdict | None]) -> Verdict | None:
-    """What most of the stretches that tell look like; (): as they should; None: too few of them tell."""
-    told = [vote for vote in votes if vote is not None]
-    if len(told) < max(1.0, TELLING * len(votes)):
-        return None
-    best = max(dict.fromkeys(told), key=told.count)
-    return best if told.count(best) > len(told) / 2 else None
+def _judged(comparisons: list[Comparison], misfit: Array) -> Verdict | None:
+    """What a log looks like, of the misfits (readings, stretches) of all readings of it; (): as it should; None: nothing tells.
 
-
-def _stretches(comparisons: list[Comparison]) -> list[Verdict | None]:
-    """What each stretch of a trial looks like, with windows of the length that shows most of them best; None: like nothing known."""
-    rows = len(comparisons[0].seen) if comparisons else 0
+    Stretches that fit none of the readings do not count. Readings that fit as well as the best are said with it.
+    """
     said = [verdict for one in comparisons for _, verdict in one.factors]
-    best: list[Verdict | None] = []
+    telling = misfit.size > 0 and misfit.min(axis=0) < FITS
+    if np.sum(telling) < max(1.0, TELLING * misfit.shape[-1]):
+        return None
+    score = np.mean(np.minimum(misfit[:, telling], 1.0), axis=-1)
+    plain, best = score[said.index(())], float(np.min(score))
+    if plain <= max(AS_IT_IS, BETTER * best):
+        return ()
+    if best >= FITS:
+        return None
+    alike = [verdict for verdict, misfits in zip(said, score, strict=True) if misfits <= best + ALIKE]
+    return alike[0] if len(alike) == 1 else (" or ".join(" and ".join(one) for one in alike),)
+
+
+def _stretches(comparisons: list[Comparison]) -> Array:
+    """Misfits of all readings of a trial in each of its stretches, with windows of the length that tells most; (readings, stretches)."""
+    rows = len(comparisons[0].seen) if comparisons else 0
+    best = np.zeros((sum(len(one.factors) for one in comparisons), 0))
     for length in LENGTHS:
         stretches = min(STRETCHES, rows // length // WINDOWS)
         if not stretches:
             break
         misfit = np.concatenate([_misfit(one, length, stretches) for one in comparisons])
-        votes = [_vote(said, column) for column in misfit.T]
-        if not best or _telling(votes) > _telling(best):
-            best = votes
+        if not best.size or _telling(misfit) > _telling(best):
+            best = misfit
     return best
 
 
-def _telling(votes: list[Verdict | None]) -> float:
-    return sum(vote is not None for vote in votes) / len(votes)
+def _telling(misfit: Array) -> float:
+    """Share of the stretches that fit some reading, and among equal shares the better fit."""
+    least = np.min(misfit, axis=0)
+    return float(np.mean(least < FITS) + 0.01 * (1.0 - np.mean(np.minimum(least, 1.0))))
 
 
 def _misfit(one: Comparison, length: int, stretches: int) -> Array:
@@ -224,11 +236,3 @@ def _misfit(one: Comparison, length: int, stretches: int) -> Array:
     factor = np.array([[k] for k, _ in one.factors])
     size = square + factor**2 * other
     return np.where(size > 0.0, 1.0 - 2.0 * factor * between / np.where(size > 0.0, size, 1.0), 1.0)
-
-
-def _vote(said: list[Verdict], misfit: Array) -> Verdict | None:
-    """What a stretch looks like, of the misfits of all readings of it; None: like none of them."""
-    if misfit[said.index(())] < AS_IT_IS:
-        return ()
-    best = int(np.argmin(misfit))
-    return said[best] if misfit[best] < FITS else None

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from control.tracking import Target
 from estimation.consistency import average_test, whiteness
-from models.dynamics.state_layout import ATTITUDE, RATE, StateLayout
+from models.dynamics.state_layout import ATTITUDE, StateLayout
 from sim.controllers.tracking import target_channels
 from sim.faults.timeline import Occurrence
 from sim.loop.build import assembly_of, build_estimators, errors_of
-from sim.loop.closed_loop import System, run
+from sim.loop.closed_loop import System, run_whole
 from sim.loop.recording import Recording
 from sim.parts import AnyArray, Snapshot
 from sim.replay.flight_log import FlightLog
@@ -36,38 +36,30 @@ class Replayed(NamedTuple):
       loop: whose log it was.
       recording: truth and NEES are NaN where nobody knows the truth.
       innovation: of each filter, (ticks, trials, [agents,] e), NaN where a component was missing.
-      freedom: degrees of freedom of each filter's NIS, (ticks, trials, [agents]); 0 where nothing was read.
-      time: stamps of the log's rows, (ticks, trials) s.
       layout: of the state.
     """
 
     loop: str
     recording: Recording
     innovation: dict[str, Array]
-    freedom: dict[str, Array]
-    time: Array
     layout: StateLayout
-
-    def sound(self) -> Replayed:
-        """The trials in which no filter broke down."""
-        kept = np.flatnonzero(~np.isin(self.recording.trials, [one.trial for one in self.recording.lost]))
-        innovation, freedom = ({name: array[:, kept] for name, array in each.items()} for each in (self.innovation, self.freedom))
-        return Replayed(self.loop, self.recording.sound(), innovation, freedom, self.time[:, kept], self.layout)
 
 
 def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
-    """Run the filters of a loop over a block of its trials; the recording says in which trials a filter broke down.
+    """Run the filters of a loop over a block of its trials.
 
     Random numbers of particle filters are those of the scenario's seed and the log's trials.
 
     Args:
-      log: of the loop; where its intervals are longer than the period, nothing was read, and the filters predict in steps of a period.
+      log: of the loop; where it has gaps, nothing was read, and the filters predict in steps of about a period.
       scenario: with those filters, as `setting.choose` gives it.
       user_code: the user's own filters.
+
+    Raises:
+      SimulationFailed: a filter lost definiteness.
     """
-    own_fault = np.zeros(log.reading.shape[:2], dtype=bool) if log.fault is None else log.fault
-    start, reading = log, log.reading
-    log, own = without_gaps(log)
+    written = log
+    log, own = without_gaps(written)
     estimators = build_estimators(scenario, log.trials, user_code, log.loop)
     ticks, trials = log.reading.shape[:2]
     fault = np.zeros((ticks, trials), dtype=bool) if log.fault is None else log.fault
@@ -95,44 +87,23 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
         dt=log.dt,
         channels=channels,
         references=target_channels(Target(unknown, unknown[:, :3], unknown[:, :3])),
+        occurrences=_occurrences(fault[own]),
         errors=errors_of(scenario),
         intervals=log.intervals,
     )
-    recording = _of_the_log(run(system), start, own, _occurrences(own_fault))
-    reading = reading[: recording.ticks]
+    recording = _of_the_log(run_whole(system), written, own)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
-    innovation = {name: _seen(part, reading) for name, part in taken.items()}
-    freedom = {
-        name: np.minimum(np.nan_to_num(recording.channels[f"{name}/dof"]), _most(part.shape[-1], reading, columns.layout))
-        for name, part in taken.items()
-    }
-    return Replayed(log.loop, recording, innovation, freedom, start.time, columns.layout)
+    return Replayed(log.loop, recording, {name: _seen(part, written.reading) for name, part in taken.items()}, columns.layout)
 
 
-def _of_the_log(recording: Recording, log: FlightLog, own: NDArray[np.bool_], occurrences: tuple[Occurrence, ...]) -> Recording:
-    """A recording without the ticks that fill gaps of the log."""
-    if own.all() and log.intervals is None:
-        return replace(recording, occurrences=occurrences)
-    rows = np.cumsum(own)
+def _of_the_log(recording: Recording, log: FlightLog, own: NDArray[np.bool_]) -> Recording:
+    """A recording with the log's time stamps, without the ticks that fill its gaps; those of `own` (ticks,) are the log's."""
     return replace(
         recording,
-        channels={name: array[own[: len(array)]] for name, array in recording.channels.items()},
-        occurrences=occurrences,
-        lost=tuple(one._replace(tick=int(rows[min(one.tick, len(rows) - 1)])) for one in recording.lost),
-        stamps=log.time[:, 0] - log.time[0, 0],
+        channels={name: array[own] for name, array in recording.channels.items()} | {"time_s": log.time},
+        lost=tuple(one._replace(tick=int(np.sum(own[: one.tick]))) for one in recording.lost),
+        stamps=None if log.intervals is None else log.time[:, 0] - log.time[0, 0],
     )
-
-
-def _most(size: int, reading: Array, layout: StateLayout) -> Array:
-    """Most degrees of freedom that a NIS has of a reading (ticks, trials, ..., m), of an innovation of `size` components.
-
-    The four components of a unit quaternion have three, any three of them three, two of them two.
-    """
-    there = ~np.isnan(reading)
-    if len(layout.blocks[0].names) == layout.blocks[0].errors:
-        return np.sum(there, axis=-1)
-    rest = there[..., RATE.start :] if size >= layout.errors else there[..., RATE]
-    return np.minimum(np.sum(there[..., ATTITUDE], axis=-1), 3) + np.sum(rest, axis=-1)
 
 
 def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:
@@ -167,11 +138,16 @@ class Consistency(NamedTuple):
 def judge(replayed: Replayed, name: str) -> Consistency:
     """Chi-square test of a filter's NIS, and whiteness of its innovations.
 
-    A unit quaternion has three degrees of freedom, whatever the filter's coordinates; missing components, and those that a filter leaves
-    aside because others are missing, have none.
+    A unit quaternion has three degrees of freedom, whatever the filter's coordinates; missing components have none.
     """
-    innovation, dof = replayed.innovation[name], replayed.freedom[name]
-    nis = replayed.recording.channels[f"{name}/nis"]
+    channels, innovation = replayed.recording.channels, replayed.innovation[name]
+    nis = channels[f"{name}/nis"]
+    there = ~np.isnan(innovation)
+    there[0] = True
+    dof = np.sum(there, axis=-1)
+    if innovation.shape[-1] > replayed.layout.errors:  # a quaternion by components
+        whole = there[..., ATTITUDE].all(axis=-1)
+        dof = 3 * whole + np.sum(there[..., 4:], axis=-1)
     many = nis.reshape(len(nis), -1), dof.reshape(len(dof), -1), innovation.reshape(len(nis), -1, innovation.shape[-1])
     test = average_test(many[0], many[1], axis=1)
     return Consistency(test.fraction_inside, whiteness(np.swapaxes(many[2], 0, 1), LAGS).fraction_inside)

@@ -63,10 +63,11 @@ def period(label: str, one: dict[str, Array]) -> float:
     time = one["time_s"]
     if len(time) < 2:
         raise BadInput(f"{label}: has a single row; needs two or more")
-    median = round(float(np.median(np.diff(time))), 9)  # times are sums of rounded numbers
+    resolution = max(1e-9, 4.0 * float(np.spacing(np.max(np.abs(time)))))  # times are sums of rounded numbers
+    median = round(float(np.median(np.diff(time))), int(-np.log10(resolution)))
     if "dt" not in one:
         if median <= 0.0:
-            raise BadInput(f"{label}: time_s grows by less than 1 ns a row; it is to be in seconds")
+            raise BadInput(f"{label}: time_s grows by less than {resolution:.0e} s a row; it is to be in seconds")
         return median
     dt = float(one["dt"][0])
     if (one["dt"] != dt).any():

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from estimation.consistency import average_bounds
+from models.dynamics.state_layout import StateLayout
 from sim.loop.recording import Recording
-from sim.replay.replay import Replayed
 from sim.series.estimation_errors import error_of_block, unit_of_error
 from sim.series.palette import on_light
 from sim.series.picture_style import SMOOTHING_S, STYLE
@@ -22,15 +22,15 @@ from sim.series.raster import write_png
 Array = NDArray[np.floating]
 
 
-def write_picture(path: Path, title: str, replayed: Replayed) -> None:
+def write_picture(path: Path, title: str, recording: Recording, layout: StateLayout) -> None:
     """Draw the first trial: residuals, errors where the truth is known, NIS and detection.
 
     Args:
       path: PNG to write.
       title: headline.
-      replayed: what the filters made of the log; of several agents the RMS over all of them is drawn.
+      recording: of a replay.
+      layout: of the state; of several agents the RMS over all of them is drawn.
     """
-    recording, layout = replayed.recording, replayed.layout
     get = {name: channel[:, 0] for name, channel in recording.channels.items() if not name.startswith("reference/")}
     known = np.isfinite(get["truth/state"]).any()
     with mpl.rc_context(STYLE):
@@ -45,7 +45,7 @@ def write_picture(path: Path, title: str, replayed: Replayed) -> None:
                     if np.isfinite(apart).any():
                         axes.semilogy(recording.time, _smooth(apart, recording), **_line(recording, name))
                 axes.set(title=f"{what}: {block.kind} (RMS over {SMOOTHING_S:g} s)", ylabel=f"[{unit}]")
-        _nis(grid[-1, 0], replayed, get)
+        _nis(grid[-1, 0], recording, get)
         _detection(grid[-1, 1], recording, get)
         for letter, axes in zip("abcdef", grid.flat, strict=False):
             axes.set_title(f"({letter}) {axes.get_title(loc='left')}", loc="left")
@@ -76,31 +76,18 @@ def _smooth(values: Array, recording: Recording) -> Array:
     return np.sqrt(square / np.where(share > 1e-9, share, np.nan))
 
 
-def _nis(axes: Axes, replayed: Replayed, get: dict[str, Array]) -> None:
-    """Mean over a moving window of what was read in it, with the band of its degrees of freedom."""
-    recording = replayed.recording
-    widest: Array = np.zeros((0, 1))
+def _nis(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
+    agents, dof = 1, 0.0
     for name in recording.observers:
-        freedom = replayed.freedom[name][:, 0].reshape(recording.ticks, -1)
-        nis = np.where(freedom > 0.0, get[f"{name}/nis"].reshape(recording.ticks, -1), np.nan)
+        nis = get[f"{name}/nis"].reshape(recording.ticks, -1)
         if np.isfinite(nis).any():
-            axes.semilogy(recording.time, _mean(nis, recording), **_line(recording, name))
-            widest = freedom if np.sum(freedom) > np.sum(widest) else widest
-    if len(widest):
-        width, read = max(1, round(SMOOTHING_S / recording.dt)), widest > 0.0
-        count = uniform_filter1d(np.sum(read, axis=-1).astype(float), width, mode="nearest") * width
-        count = np.where(count > 0.5, count, np.nan)
-        low, high = average_bounds(_mean(np.where(read, widest, np.nan), recording), count)
-        axes.fill_between(recording.time, low, high, color="#8a8f98", alpha=0.25, lw=0)
+            agents, dof = nis.shape[-1], max(dof, float(np.nanmax(get[f"{name}/dof"])))
+            axes.semilogy(recording.time, _smooth(np.sqrt(np.mean(nis, axis=-1)), recording) ** 2, **_line(recording, name))
+    if get["reading"].ndim == 2:
+        dof = get["reading"].shape[-1] - 1  # a unit quaternion has three degrees of freedom
+    low, high = average_bounds(dof, agents * max(1, round(SMOOTHING_S / recording.dt))) if dof else (np.nan, np.nan)
+    axes.axhspan(float(low), float(high), color="#8a8f98", alpha=0.25, lw=0)
     axes.set(title=f"NIS (mean over {SMOOTHING_S:g} s); grey: 95 % of a consistent filter's", ylabel="[-]")
-
-
-def _mean(values: Array, recording: Recording) -> Array:
-    """Mean of the numbers (ticks, agents) in a moving window, (ticks,); NaN where there is none."""
-    width, there = max(1, round(SMOOTHING_S / recording.dt)), np.isfinite(values)
-    total = uniform_filter1d(np.sum(np.where(there, values, 0.0), axis=-1), width, mode="nearest")
-    count = uniform_filter1d(np.sum(there, axis=-1).astype(float), width, mode="nearest")
-    return np.where(count > 1e-9, total / np.where(count > 1e-9, count, 1.0), np.nan)
 
 
 def _detection(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
