@@ -17,7 +17,7 @@ from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.replay.flight_log import FlightLog, export
 from sim.replay.log_columns import columns_of
-from sim.replay.plausibility import complaints
+from sim.replay.plausibility import COMMANDS, RATES, SPEEDS, TIMES, complaints
 from sim.scenario.files import load
 
 LEAN: dict[str, object] = {"observers": {"ekf": {"type": "ekf"}}, "control.feedback": "truth"}
@@ -157,3 +157,13 @@ def test_the_command_says_it_in_one_line_and_goes_on_when_it_is_trusted(nacs, tm
     assert (result.code, result.err.count("\n")) == (0, 1)
     assert "warning: lab.parquet: rates look like deg/s in trial 1; replayed as it is" in result.err
     assert (tmp_path / "it" / "estimates.parquet").is_file()
+
+
+def test_the_page_names_what_is_known() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "replay.md").read_text(encoding="utf-8")
+    (known,) = (part for part in page.split("\n\n") if part.startswith("Known are"))
+    for unit in (*TIMES, *RATES, *SPEEDS, *COMMANDS):
+        if " look like " in unit.said and " of the opposite" not in unit.said:
+            assert unit.said.split(" look like ")[1] in known
+    assert "scalar first" in known
+    assert "from B to N" in known
