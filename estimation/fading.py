@@ -61,7 +61,8 @@ class StrongTracking:
     """A factor that makes residuals as large as they are expected to be (Zhou & Frank 1996, with one factor for all components).
 
     lambda = clip(tr W (V - H Q H' - R) / tr W H M H', 1, cap), where V is the residuals' covariance, V_1 = nu nu',
-    V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. With an honest model lambda is one. It stands in for
+    V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. With an honest model lambda is one in the
+    median only: V keeps about two readings and scatters by its own size, of which the clip leaves the upper half. It stands in for
     Rososhansky (2017, eq. 2.14), one plus a trace over a constant that is not given; the limit of that is one, though the text says zero.
 
     Attributes:

@@ -28,7 +28,20 @@ FLOORS = {
 ROOMS = {
     "models": ("ground", "attitude", "dynamics", "plants"),
     "sim": (
-        *("ground", "faults", "plant", "sensors", "network", "estimators", "controllers", "user_code", "scenario", "loop", "metrics"),
+        *(
+            "ground",
+            "text",
+            "faults",
+            "plant",
+            "sensors",
+            "network",
+            "estimators",
+            "controllers",
+            "user_code",
+            "scenario",
+            "loop",
+            "metrics",
+        ),
         *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "cli"),
     ),
 }

@@ -207,7 +207,7 @@ def test_a_model_that_reads_the_wheels_has_no_opinion_of_their_speed():
     found = found_of("freeflyer")
     assert "wheel" not in found.apart
     np.testing.assert_array_equal(found.states[..., 7:], found.flight.states[..., 7:])
-    assert found.causes.names == ("the scenario's faults", "J_w / J left out (eq. 3)", HELD, MODEL_STEP)
+    assert found.causes.names == ("the scenario's faults", "J_w / J left out (eq. 4)", HELD, MODEL_STEP)
 
 
 def test_readings_that_change_evenly_within_a_tick_leave_only_what_the_model_leaves_out():

@@ -161,9 +161,9 @@ def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path
 
 def wrong_logs(table: pa.Table) -> dict[str, tuple[pa.Table, list[str]]]:
     time = table["time_s"].to_numpy()
-    jump, back, text = time.copy(), time.copy(), ["a"] * len(time)
-    jump[50:] += 0.02
-    back[50] = back[49]
+    back, away, text = time.copy(), time.copy(), ["a"] * len(time)
+    back[[50, 51]] = back[[51, 50]]
+    away[50:] += 2000.0
     infinite, scaled = table["omega1"].to_numpy().copy(), table["q4"].to_numpy() * 2.0
     infinite[3] = np.inf
     silent = [None, *table["command2"].to_pylist()[1:]]
@@ -171,8 +171,20 @@ def wrong_logs(table: pa.Table) -> dict[str, tuple[pa.Table, list[str]]]:
         "columns": (table.drop_columns(["omega2", "command4"]), ["lacks columns omega2, command4", "docs/replay.md"]),
         "empty": (table.slice(0, 0), ["is empty"]),
         "one row": (table.slice(0, 1), ["trial 0", "single row"]),
-        "back": (replaced(table, "time_s", back), ["trial 0", "time_s does not grow", "4.9 s is followed by 4.9 s"]),
-        "uneven": (replaced(table, "time_s", jump), ["interval of 0.12 s at 4.9 s", "period is 0.1 s", "5 %"]),
+        "back": (replaced(table, "time_s", back), ["trial 0", "time_s runs backwards", "5.1 s is followed by 5 s", "sort the rows"]),
+        "gap": (replaced(table, "time_s", away), ["trial 0", "nothing was read for 2000.1 s after 4.9 s", "`trial` number of its own"]),
+        "other dt": (table.append_column("dt", pa.array([0.2] * len(time))), ["dt says 0.2 s, but time_s grows by 0.1 s"]),
+        "trial": (table.append_column("trial", pa.array([0.2] * 20 + [0.7] * (len(time) - 20))), ["trial 0.2 in row 0", "0, 1, 2"]),
+        "negative trial": (table.append_column("trial", pa.array([-1] * len(time))), ["trial -1 in row 0"]),
+        "other plant": (
+            table.append_column("wheel5", table["wheel4"]).append_column("command5", table["command4"]),
+            ["wheel5, command5", "nacs"],
+        ),
+        "twice": (table.append_column("omega2", table["omega2"]), ["two columns omega2"]),
+        "loop": (replaced(table, "loop", [3] * len(time)), ["column loop", "names of loops"]),
+        "no such loop": (replaced(table, "loop", ["x"] * len(time)), ["column loop says x", "has loop"]),
+        "time of day": (replaced(table, "time_s", pa.array(np.arange(len(time)), pa.timestamp("ms"))), ["time_s holds timestamp[ms]"]),
+        "truth": (table.append_column("truth_q1", pa.array([np.inf] * len(time))), ["truth_q1, row 0", "finite"]),
         "text": (replaced(table, "omega1", text), ["omega1", "string", "not numbers"]),
         "infinite": (replaced(table, "omega1", infinite), ["omega1, row 3", "finite"]),
         "quaternion": (replaced(table, "q4", scaled), ["unit quaternion", "scalar last"]),
@@ -181,7 +193,13 @@ def wrong_logs(table: pa.Table) -> dict[str, tuple[pa.Table, list[str]]]:
     }
 
 
-@pytest.mark.parametrize("what", ["columns", "empty", "one row", "back", "uneven", "text", "infinite", "quaternion", "command", "period"])
+WRONG = (
+    "columns", "empty", "one row", "back", "gap", "other dt", "trial", "negative trial", "other plant", "twice", "loop", "no such loop",
+    "time of day", "truth", "text", "infinite", "quaternion", "command", "period",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_log_is_one_line_and_writes_nothing(nacs, tmp_path: Path, table: pa.Table, what: str) -> None:
     wrong, wanted = wrong_logs(table)[what]
     pq.write_table(wrong, tmp_path / "lab.parquet")
@@ -193,8 +211,11 @@ def test_a_wrong_log_is_one_line_and_writes_nothing(nacs, tmp_path: Path, table:
 
 
 ARGUMENTS = [
-    (["nowhere.parquet"], ["nowhere.parquet", "cannot be read"]),
-    (["text.parquet"], ["text.parquet", "cannot be read"]),
+    (["nowhere.parquet"], ["nowhere.parquet: does not exist"]),
+    (["."], [".: is a folder", "log.parquet"]),
+    (["text.parquet"], ["text.parquet", "no Parquet file"]),
+    (["lab.parquet/log.parquet"], ["lab.parquet/log.parquet", "cannot be read"]),
+    (["x" * 300], ["cannot be read", "too long"]),
     (["lab.parquet", "--filter", "ukff"], ["--filter ukff", "no such filter", "ekf, mekf, sif"]),
     (["lab.parquet", "--tuning", "best"], ["--tuning best", "paper, consistent"]),
     (["lab.parquet", "--set", "plant.mas_kg=3"], ["lab.parquet", "plant.mas_kg", "mass_kg"]),
@@ -202,7 +223,7 @@ ARGUMENTS = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "wanted"), ARGUMENTS, ids=[" ".join(a) for a, _ in ARGUMENTS])
+@pytest.mark.parametrize(("arguments", "wanted"), ARGUMENTS, ids=[" ".join(a)[:40] for a, _ in ARGUMENTS])
 def test_a_wrong_argument_is_one_line(nacs, tmp_path: Path, table: pa.Table, arguments: list[str], wanted: list[str]) -> None:
     pq.write_table(table, tmp_path / "lab.parquet")
     (tmp_path / "text.parquet").write_text("q1,q2\n")
@@ -214,11 +235,55 @@ def test_a_wrong_argument_is_one_line(nacs, tmp_path: Path, table: pa.Table, arg
 
 
 def test_metadata_of_another_program_are_one_line(nacs, tmp_path: Path, table: pa.Table) -> None:
-    for number, metadata in enumerate(('{"settings": {"plant": 1}}', '{"settings": 3}', "[1]", "{")):
+    deep = "[" * 100_000 + "]" * 100_000
+    free = '{"settings": {"plant": {"type": "rigid"}}}'
+    for number, metadata in enumerate(('{"settings": {"plant": 1}}', '{"settings": 3}', "[1]", "{", deep, '{"scenario": 1}', free)):
         pq.write_table(table.replace_schema_metadata({"nacs": metadata}), tmp_path / f"{number}.parquet")
         result = nacs("replay", f"{number}.parquet")
         assert (result.code, result.err.count("\n")) == (2, 1), result.err
         assert f"{number}.parquet" in result.err
+        assert len(list(tmp_path.iterdir())) == number + 1
+
+
+def test_what_a_log_says_of_itself_is_text_and_need_not_be_all(nacs, tmp_path: Path, flown: Flown) -> None:
+    """Square brackets are no markup, and a scenario without a name is one all the same."""
+    whole = pq.read_table(flown.path)
+    about = said_by(flown.path)
+    for number, (named, seen) in enumerate((({"scenario": "[/] mine"}, "[/] mine"), ({}, "without a name"))):
+        metadata = {"nacs": json.dumps({"settings": about["settings"]} | named)}
+        pq.write_table(whole.replace_schema_metadata(metadata), tmp_path / f"[b]{number}.parquet")
+        result = nacs("replay", f"[b]{number}.parquet", "--filter", "mekf", "--out", f"[new]{number}")
+        assert (result.code, result.err) == (0, ""), result.err
+        assert seen in result.out
+        assert f"[new]{number}/estimates.parquet" in result.out
+        assert f"Replay of [b]{number}.parquet" in result.out
+
+
+def test_a_particle_filter_replays_to_the_bit_and_runs_over_any_log(nacs, tmp_path: Path, table: pa.Table) -> None:
+    """Its random numbers are those of the run: of the log's seed, its name and the trials that the log has."""
+    filters = (
+        "--set",
+        "observers={nis-fading={type='nis-switched', smoothing='fading'}, pf={type='pf', particles=50}}",
+        "--set",
+        "run.ticks=60",
+        "--set",
+        "run.seed=17",
+    )
+    undrawn = ("--without", "report", "--without", "recording")
+    assert nacs("run", "nacs/fault-free", *filters, *undrawn, "--trials", 3, "--export-log", "--record-trials", 3, "--out", "it").code == 0
+    whole = pq.read_table("it/log.parquet")
+    some = whole.filter(pa.array(np.array(whole["trial"]) != 1))
+    pq.write_table(some, "some.parquet")
+    result = nacs("replay", "some.parquet", "--filter", "pf", "--out", "again")
+    assert result.code == 0, result.err
+    flown = {(r["trial"], r["metric"]): r["value"] for r in pq.read_table("it/trials.parquet").to_pylist() if r["subject"] == "pf"}
+    rows = {r["metric"]: r for r in json.loads(Path("again/summary.json").read_text())["rows"] if r["subject"] == "pf"}
+    for metric in ("rmse_truth_rate", "nees_mean", "attitude_error_deg"):
+        assert {rows[metric]["min"], rows[metric]["max"]} == {flown[0, metric], flown[2, metric]}
+    pq.write_table(table, "lab.parquet")
+    result = nacs("replay", "lab.parquet", "--filter", "pf", "--out", "lab")
+    assert result.code == 0, result.err
+    assert set(pq.read_table("lab/estimates.parquet")["filter"].to_pylist()) == {"pf"}
 
 
 def test_the_columns_are_those_of_the_page() -> None:

@@ -166,7 +166,7 @@ class NacsParameters(PlantParameters):
 
 
 def prepare_nacs(parameters: NacsParameters) -> Prepared:
-    """Fill nacs.xml with parameters; a tenth of the time of compiling it.
+    """Fill nacs.xml with parameters, without compiling it.
 
     Raises:
       ImpossibleInertia: no rigid body has the tensor of the whole, or what is left of it for the bus.

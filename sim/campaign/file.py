@@ -7,12 +7,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from sim import toml_text
 from sim.bad_input import BadInput
 from sim.campaign import cost
 from sim.campaign.draws import check
 from sim.campaign.settings import Campaign
 from sim.scenario.validation import first_error
+from sim.text import toml_text
 
 CAMPAIGNS = Path(__file__).with_name("campaigns")
 

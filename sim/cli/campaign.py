@@ -43,9 +43,9 @@ from sim.outputs.recording import how_to_open
 from sim.processor import described
 from sim.scenario import files
 from sim.scenario.validation import first_error
-from sim.table_style import counted
 from sim.tables import one_body as tables
-from sim.toml_text import is_there
+from sim.text.table_style import counted
+from sim.text.toml_text import is_there
 from sim.whole_file import NotWritten
 
 BASELINES = ("ekf", "sif")

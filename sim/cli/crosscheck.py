@@ -25,9 +25,9 @@ from sim.outputs.recording import how_to_open
 from sim.plant.batch import SimulationFailed
 from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
-from sim.table_style import counted
 from sim.tables.crosscheck import tables
 from sim.tables.crosscheck_agents import divergence
+from sim.text.table_style import counted
 
 CHECK_FAILED = 1
 FILES = RECORDING, PICTURE, SUMMARY = "crosscheck.rrd", "crosscheck.png", "summary.json"

@@ -11,13 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from models.plants.register.entries import kind_of
-from sim import toml_text
 from sim.bad_input import BadInput
 from sim.campaign.file import CAMPAIGNS
 from sim.cli.terminal import out
 from sim.scenario import catalogue, files
 from sim.scenario.catalogue import SCENARIOS
-from sim.table_style import counted
+from sim.text import toml_text
+from sim.text.table_style import counted
 
 CAMPAIGN = "campaigns"
 SAID_OF_CAMPAIGNS = "many trials, dispersed or over a grid; `nacs campaign NAME` flies one"

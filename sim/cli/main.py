@@ -24,8 +24,8 @@ from sim.cli.run import run
 from sim.cli.signals import interruptible
 from sim.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Name, Overrides, err, load, out
 from sim.cli.view import view
-from sim.one_line import one_line
 from sim.plant.batch import SimulationFailed
+from sim.text.one_line import one_line
 
 SHOW_TRACEBACK = "NACS_TRACEBACK"  # environment variable: let an error through, for whoever looks for its cause
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of the library that Typer parses arguments with, whichever that is

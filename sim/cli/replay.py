@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -18,8 +18,11 @@ from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
-from sim.table_style import counted
+from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
+
+if TYPE_CHECKING:
+    from sim.replay.flight_log import FlightLog  # Arrow takes its time to import
 
 FILES = ESTIMATES, SUMMARY, PICTURE = "estimates.parquet", "summary.json", "replay.png"
 
@@ -28,6 +31,7 @@ _COLUMNS = (
     ("rmse_residual_quaternion", "resid.\nq\n1e-3", 1e3),
     ("rmse_residual_rate", "resid.\nrate\n1e-3", 1e3),
     ("nis_mean", "NIS", 1.0),
+    ("nis_dof_mean", "of\ndof", 1.0),
     ("nis_inside_fraction", "NIS in\n95 %\n%", 100.0),
     ("white_fraction", "white\nlags\n%", 100.0),
     ("declared_fraction", "decl.\n\n%", 100.0),
@@ -49,6 +53,7 @@ def replay(
     ] = None,
     tuning: Annotated[str | None, typer.Option(help="tuning of all filters, `paper` or `consistent`; default: as the log says")] = None,
     overrides: Overrides = None,
+    trust: Annotated[bool, typer.Option("--trust", help="go on with a log in which units, order or signs look wrong")] = False,
     folder: Annotated[Path | None, typer.Option("--out", help="folder for the results; default: a new one under runs/")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is in --out")] = False,
 ) -> None:
@@ -57,19 +62,23 @@ def replay(
     import pyarrow.parquet as pq
 
     from sim.replay.estimates import estimates
-    from sim.replay.flight_log import about, read
+    from sim.replay.flight_log import read
     from sim.replay.log_columns import columns_of
+    from sim.replay.log_file import LogFile
     from sim.replay.metrics import evaluate
     from sim.replay.replay import Replayed
     from sim.replay.replay import replay as run_over
     from sim.replay.setting import choose, setting, why_not
     from sim.report.replay import write_picture
 
-    said = about(log)
+    file = LogFile.opened(log)
+    said = file.about
     scenario = setting(said, str(log), tuning, dict(parse_override(text) for text in overrides or []))
     user_code = UserCode(tuple(observers or ()))
     user_code.check(surroundings(scenario), names_taken(scenario))
-    blocks = read(log, columns_of(scenario))
+    blocks = read(file, columns_of(scenario))
+    if strange := sorted({block.loop for block in blocks} - set(scenario.loop_names)):
+        raise BadInput(f"{log}: column loop says {', '.join(strange)}; its scenario has {', '.join(scenario.loop_names)}")
     wanted = filters or []
     chosen = {loop: choose(scenario, said, loop, wanted, bool(observers)) for loop in dict.fromkeys(block.loop for block in blocks)}
     skipped = {loop: reason for loop in chosen if (reason := why_not(scenario, loop))}
@@ -78,7 +87,10 @@ def replay(
     blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
     if not blocks:
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
+    _check_plausible(log, blocks, scenario, trust)
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
+    for note in (note for block in blocks for note in block.notes):
+        err.print(f"note: {note}", style="yellow", markup=False)
     started = time.perf_counter()
     replayed, stopped = list[Replayed](), False
     try:
@@ -94,7 +106,7 @@ def replay(
         err.print("interrupted: nothing was replayed yet, nothing was written" if stopped else f"error: {lost[0]}", markup=False)
         raise typer.Exit(INTERRUPTED if stopped else FAILED)
     trials = len({int(trial) for one in whole for trial in one.recording.trials})
-    seconds = sum(one.recording.dt * one.recording.ticks * len(one.recording.trials) for one in (*whole, *parts))
+    seconds = sum(float((one.recording.time[-1] + one.recording.dt) * len(one.recording.trials)) for one in (*whole, *parts))
     files = ResultFiles(target)
     with interrupted_as(f"what was written until then is whole, in {target}"):
         table = pa.concat_tables([estimates(one) for one in (*whole, *parts)], promote_options="default")
@@ -125,8 +137,25 @@ def replay(
         raise typer.Exit(INTERRUPTED)
 
 
+def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, trust: bool) -> None:
+    """One line of what does not fit in a log; raises BadInput unless it is trusted."""
+    from sim.replay.plausibility import complaints
+
+    where: dict[str, list[int]] = {}
+    for trial, sentence in (found for block in blocks for found in complaints(block, scenario)):
+        where.setdefault(sentence, []).append(trial)
+    if not where:
+        return
+    every = len({int(trial) for block in blocks for trial in block.trials})
+    parts = [sentence + ("" if len(set(trials)) == every else f" in trial {trials[0]}") for sentence, trials in where.items()]
+    line = f"{log}: {'; '.join(parts)}"
+    if not trust:
+        raise BadInput(f"{line}; put it right (docs/replay.md has the units), or add --trust to replay the log as it is")
+    err.print(f"warning: {line}; replayed as it is", style="yellow", markup=False)
+
+
 def _origin(about: dict[str, object], scenario: AnyScenario) -> str:
-    return str(about["scenario"]) if "settings" in about else f"the NACS as published ({scenario.source})"
+    return str(about.get("scenario", "a scenario without a name")) if "settings" in about else f"the NACS as published ({scenario.source})"
 
 
 def _table(statistics: list[Row]) -> Table:

@@ -31,8 +31,8 @@ from sim.outputs.register import OUTPUTS
 from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
-from sim.table_style import counted
 from sim.tables.register import tables_of
+from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
 
 if TYPE_CHECKING:

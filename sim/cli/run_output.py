@@ -18,7 +18,7 @@ from sim.metrics.results import write_summary, write_trials
 from sim.outputs.register import OUTPUTS
 from sim.scenario.files import AnyScenario
 from sim.scenario.run import RunSettings
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 SUMMARY, TRIALS = "summary.json", "trials.parquet"
 

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 
 from sim.bad_input import BadInput
-from sim.one_line import one_line
 from sim.scenario import files
+from sim.text.one_line import one_line
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
 

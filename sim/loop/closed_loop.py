@@ -29,6 +29,7 @@ class System:
       trials: their numbers, (trials,).
       ticks: control ticks.
       dt: control period, s.
+      intervals: seconds from the tick before to each tick, (ticks,), where they are not all the period: of a log that is not flown.
       channels: what is recorded of a tick besides truth, reading and beliefs.
       figures: what is recorded of a tick in every trial, however few are recorded as a whole; None: all trials are.
       references: what is recorded without an axis of trials, (ticks, ...).
@@ -56,6 +57,15 @@ class System:
     every: int = 1
     errors: StateSpace = MULTIPLICATIVE
     loss: Loss | None = None
+    intervals: Array | None = None
+
+    def interval(self, tick: int) -> float:
+        """Seconds from the tick before."""
+        return self.dt if self.intervals is None else float(self.intervals[tick])
+
+    def time(self, tick: int) -> float:
+        """Seconds since the first tick."""
+        return tick * self.dt if self.intervals is None else float(np.sum(self.intervals[1 : tick + 1]))
 
 
 def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None) -> Recording:
@@ -143,15 +153,15 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
         belief, known, reading = before, told.known, told.reading
         while True:
             try:
-                after.append(estimator.step(belief, known, reading, s.dt))
+                after.append(estimator.step(belief, known, reading, s.interval(tick)))
                 break
             except LostDefiniteness as failure:
                 position, cause = estimator.blame(failure)
                 if broken.failed[position]:  # it breaks down even without that trial: nothing of the batch can be saved
-                    broken.add_all(tick // s.every, tick * s.dt, cause)
+                    broken.add_all(tick // s.every, s.time(tick), cause)
                     after.append(before)
                     break
-                broken.add(position, tick // s.every, tick * s.dt, cause)
+                broken.add(position, tick // s.every, s.time(tick), cause)
                 estimator.rewind()
                 belief = estimator.put_back(broken.failed, start, belief)
                 known, reading = choose(broken.failed, told.rest, known), choose(broken.failed, first[1], reading)

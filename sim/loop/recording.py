@@ -37,6 +37,7 @@ class Recording:
     figures: dict[str, Array] = field(default_factory=dict)
     flown: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     lost: tuple[LostTrial, ...] = ()
+    stamps: Array | None = None  # s since the start, (ticks,), of a log whose rows are not evenly spaced
 
     @property
     def ticks(self) -> int:
@@ -46,7 +47,7 @@ class Recording:
     @property
     def time(self) -> Array:
         """Seconds since the start, (ticks,)."""
-        return self.dt * np.arange(self.ticks)
+        return self.dt * np.arange(self.ticks) if self.stamps is None else self.stamps[: self.ticks]
 
     @property
     def observers(self) -> tuple[str, ...]:

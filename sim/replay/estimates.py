@@ -22,8 +22,7 @@ def estimates(replayed: Replayed) -> pa.Table:
     def flat(channel: str) -> Array:
         """(ticks, trials, [agents,] ...) as (trials * ticks, agents or 1, ...)."""
         array = np.swapaxes(recording.channels[channel], 0, 1)
-        lead = (trials * ticks, layout.agents or 1)
-        return array.reshape(*lead, -1)
+        return array.reshape(trials * ticks, 1 if channel == "time_s" else layout.agents or 1, -1)
 
     for name in recording.observers:
         columns: dict[str, Any] = {
@@ -31,6 +30,7 @@ def estimates(replayed: Replayed) -> pa.Table:
             "tick": np.tile(np.arange(ticks), trials),
             "filter": pa.array([name] * (trials * ticks)),
             "loop": pa.array([replayed.loop] * (trials * ticks)),
+            "time_s": flat("time_s")[:, 0, 0],
         }
         mean, sigma = flat(f"{name}/mean"), flat(f"{name}/sigma")
         for agent in np.arange(mean.shape[1]):

@@ -24,6 +24,7 @@ class LogColumns(NamedTuple):
       known: of what the filters know of the drives.
       told: the array of what is known (trials, [agents,] k) as the filters of a loop are told it, with the reading that is held.
       recorded: what is known, of a recording, (ticks, trials, [agents,] k).
+      plant: which kind of plant it is of.
       unit_quaternion: whether the first four components of a reading are one.
     """
 
@@ -32,6 +33,7 @@ class LogColumns(NamedTuple):
     known: tuple[str, ...]
     told: Callable[[Array, Array], Any]
     recorded: Callable[[Recording], Array]
+    plant: str
     unit_quaternion: bool = False
 
     def all(self, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -63,6 +65,7 @@ def _of_a_body(scenario: Any) -> LogColumns:
         known=known,
         told=lambda command, held: np.concatenate([command, held[..., layout.size - wheels :]], axis=-1),
         recorded=lambda recording: recording.channels["command"],
+        plant=scenario.plant.type,
         unit_quaternion=True,
     )
 
@@ -70,7 +73,8 @@ def _of_a_body(scenario: Any) -> LogColumns:
 def _of_a_formation(scenario: Any) -> LogColumns:
     layout = StateLayout.by_rodrigues(scenario.plant.agents)
     known = ("torque1", "torque2", "torque3", *(("momentum1", "momentum2", "momentum3") if scenario.wheels else ()))
-    return LogColumns(layout, layout.blocks[0].names, known, lambda known, _: known, lambda recording: recording.channels["known"])
+    plant = scenario.plant.type
+    return LogColumns(layout, layout.blocks[0].names, known, lambda known, _: known, lambda recording: recording.channels["known"], plant)
 
 
 def _of_consensus(scenario: Any) -> LogColumns:
@@ -82,6 +86,7 @@ def _of_consensus(scenario: Any) -> LogColumns:
         known,
         lambda known, _: AppliedControl(known[..., :2], known[..., 2:]),
         lambda recording: recording.channels["known"],
+        scenario.plant.type,
     )
 
 

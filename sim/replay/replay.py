@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from sim.parts import AnyArray, Snapshot
 from sim.replay.flight_log import FlightLog
 from sim.replay.log_columns import columns_of
 from sim.replay.logged_parts import LoggedCommands, LoggedPlant, LoggedSensors, SilentLaw, nobody, nothing_changes
+from sim.replay.time_stamps import without_gaps
 from sim.user_code.user_code import UserCode
 
 Array = NDArray[np.floating]
@@ -65,11 +67,17 @@ class Replayed(NamedTuple):
 def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
     """Run the filters of a loop over a block of its trials; those in which one breaks down are named in the recording.
 
+    Random numbers of particle filters are those of the scenario's seed and the log's trials.
+
     Args:
-      log: of the loop.
+      log: of the loop; where it has gaps, nothing was read, and the filters predict in steps of about a period.
       scenario: with those filters, as `setting.choose` gives it.
       user_code: the user's own filters.
     """
+    written = log
+    log, own = without_gaps(written)
+    if abs(log.dt / scenario.run.tick_s - 1.0) > 1e-9:  # filters expect the noise of the log's period
+        scenario = scenario.model_copy(update={"run": scenario.run.model_copy(update={"tick_s": log.dt})})
     estimators = build_estimators(scenario, log.trials, user_code, log.loop)
     ticks, trials = log.reading.shape[:2]
     fault = np.zeros((ticks, trials), dtype=bool) if log.fault is None else log.fault
@@ -97,12 +105,23 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
         dt=log.dt,
         channels=channels,
         references=target_channels(Target(unknown, unknown[:, :3], unknown[:, :3])),
-        occurrences=_occurrences(fault),
+        occurrences=_occurrences(fault[own]),
         errors=errors_of(scenario),
+        intervals=log.intervals,
     )
-    recording = run(system)
+    recording = _of_the_log(run(system), written, own)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
-    return Replayed(log.loop, recording, {name: _seen(part, log.reading) for name, part in taken.items()}, columns.layout)
+    return Replayed(log.loop, recording, {name: _seen(part, written.reading) for name, part in taken.items()}, columns.layout)
+
+
+def _of_the_log(recording: Recording, log: FlightLog, own: NDArray[np.bool_]) -> Recording:
+    """A recording with the log's time stamps, without the ticks that fill its gaps; those of `own` (ticks,) are the log's."""
+    return replace(
+        recording,
+        channels={name: array[own] for name, array in recording.channels.items()} | {"time_s": log.time},
+        lost=tuple(one._replace(tick=int(np.sum(own[: one.tick]))) for one in recording.lost),
+        stamps=None if log.intervals is None else log.time[:, 0] - log.time[0, 0],
+    )
 
 
 def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:

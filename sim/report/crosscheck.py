@@ -16,7 +16,7 @@ from sim.crosscheck.divergence import QUANTITIES, passes, rms
 from sim.crosscheck.study import CrossCheck
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 Array = NDArray[np.floating]
 

@@ -15,7 +15,7 @@ from sim.campaign.shard import bin_values
 from sim.rerun.blueprint import TIMELINE
 from sim.rerun.recording_file import recording_file
 from sim.series.palette import REFERENCE, on_dark
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 Array = NDArray[np.floating]
 

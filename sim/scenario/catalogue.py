@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.plants.register.entries import KINDS
-from sim import toml_text
+from sim.text import toml_text
 
 SCENARIOS = Path(__file__).with_name("scenarios")
 

@@ -10,7 +10,6 @@ from pydantic import BaseModel, ValidationError
 
 from models.plants.register.entries import KINDS
 from models.plants.register.parameters import Parameters
-from sim import toml_text
 from sim.bad_input import BadInput
 from sim.scenario.catalogue import SCENARIOS, scenario_names
 from sim.scenario.consensus import ConsensusScenario
@@ -18,6 +17,7 @@ from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
 from sim.scenario.run import RunSettings
 from sim.scenario.validation import first_error
+from sim.text import toml_text
 
 # what a file must be, by the family of its plant
 FAMILIES: dict[str, type[BaseModel]] = {"body": Scenario, "formation": FormationScenario, "consensus": ConsensusScenario}

@@ -11,8 +11,8 @@ from pydantic import AfterValidator
 from models.sections import NonNegative, Positive
 from sim.estimators.settings import ObserverSettings
 from sim.estimators.tunings import TUNINGS
-from sim.names import LONGEST_NAME, WHAT_A_NAME_IS, is_a_name
 from sim.scenario.run import RunSettings
+from sim.text.names import LONGEST_NAME, WHAT_A_NAME_IS, is_a_name
 
 PHASES = ("all", "nominal", "fault", "recovery")  # in which every run is judged
 RESERVED = ("loop", "truth", "measurement", "reference")  # of recordings and tables

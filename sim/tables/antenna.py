@@ -7,7 +7,7 @@ from rich.table import Table
 from sim.controllers.settings import UnfalsifiedSettings
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import counted, number, plain_table
+from sim.text.table_style import counted, number, plain_table
 
 _SWITCHING = (  # metric, whether it is shown over lambda
     ("switches", False),

@@ -7,7 +7,7 @@ from rich.table import Table
 from sim.metrics.consensus import WINDOWS_S
 from sim.metrics.results import Row
 from sim.scenario.consensus import ConsensusScenario
-from sim.table_style import number, plain_table
+from sim.text.table_style import number, plain_table
 
 
 def consensus(rows: list[Row], scenario: ConsensusScenario, trials: int) -> list[Table]:

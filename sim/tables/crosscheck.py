@@ -11,7 +11,7 @@ from rich.text import Text
 from sim.crosscheck.attribution import SUPERPOSE, size_deg
 from sim.crosscheck.divergence import passes, rms
 from sim.crosscheck.study import CrossCheck
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 Array = NDArray[np.floating]
 

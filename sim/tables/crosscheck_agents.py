@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from sim.crosscheck.agents import CHECKED_S, AgentsCrossCheck
-from sim.table_style import number, plain_table
+from sim.text.table_style import number, plain_table
 
 
 def divergence(found: AgentsCrossCheck) -> Table:

@@ -6,7 +6,7 @@ from rich.table import Table
 
 from sim.metrics.results import Row
 from sim.scenario.formation import FormationScenario
-from sim.table_style import counted, number, plain_table
+from sim.text.table_style import counted, number, plain_table
 
 _COLUMNS = (  # metric, heading, factor
     ("skae", "SKAE", 1.0),

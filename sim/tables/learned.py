@@ -6,7 +6,7 @@ from rich.table import Table
 
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import counted, number, plain_table
+from sim.text.table_style import counted, number, plain_table
 
 # metric, heading, factor
 _COLUMNS = (

@@ -16,8 +16,8 @@ from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
 from sim.scenario.run import Published
-from sim.table_style import counted, number, paper, plain_table
 from sim.tables.learned import learned
+from sim.text.table_style import counted, number, paper, plain_table
 
 # metric, heading, factor
 _ESTIMATORS = (

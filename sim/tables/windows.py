@@ -7,7 +7,7 @@ from rich.text import Text
 
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
-from sim.table_style import counted, number, paper, plain_table
+from sim.text.table_style import counted, number, paper, plain_table
 
 _ERRORS = (("rms_rate_error", "rate, 1e-3 rad/s of an axis", 1e3), ("rms_attitude_error", "attitude, 1e-3 of q1, q2, q3", 1e3))
 _ENDS = (

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from sim.bad_input import BadInput
-from sim.names import WHAT_A_NAME_IS, is_a_name
+from sim.text.names import WHAT_A_NAME_IS, is_a_name
 from sim.user_code.filters import UserFilter
 from sim.user_code.laws import UserLaw
 from sim.user_code.surroundings import Surroundings

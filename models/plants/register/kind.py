@@ -61,7 +61,7 @@ class PlantKind(Generic[P]):
       parameters: their class; its field `type`, a Literal, names the kind in files.
       says: what it is, in a few words.
       compile: to a plant ready to be stepped, with its scene; raises ImpossibleInertia.
-      prepare: its specification and how it is weighed, a tenth of the time of compiling; raises ImpossibleInertia.
+      prepare: its specification and how it is weighed, without compiling it; raises ImpossibleInertia.
       believed: the analytic model of filters, with the wheels' friction or without, and with a fault of the wheels or none; what the plant
         does not have, or the filter reads, changes nothing.
       layout: of that model's state; wheel speeds that are not in it are read and taken as known.

@@ -27,12 +27,12 @@ ERROR_LIMIT = 1e-4  # 1/s
 
 def believed(parameters: FreeflyerParameters) -> Model:
     """Hill et al. (2021), eq. 3, 4 in seven states: wheel speeds are read; what the twin's filters believe."""
-    return Model("believed", parameters.process(), "J_w / J left out (eq. 3)", reads_wheels=True)
+    return Model("believed", parameters.process(), "J_w / J left out (eq. 4)", reads_wheels=True)
 
 
 def uncoupled(parameters: FreeflyerParameters) -> Model:
     """The same with the wheels' speeds as states that their motors alone change."""
-    return Model("uncoupled", parameters.full_process(), "J_w / J left out (eq. 3)")
+    return Model("uncoupled", parameters.full_process(), "J_w / J left out (eq. 4)")
 
 
 def exact(parameters: FreeflyerParameters) -> Model:

@@ -13,7 +13,7 @@ from sim.campaign.settings import Campaign
 from sim.campaign.summary import Distribution
 from sim.report.campaign.panels import legend, panels
 from sim.series.palette import on_light
-from sim.table_style import counted, number, plain_table
+from sim.text.table_style import counted, number, plain_table
 
 COLUMNS = 4
 FENCE = 1.5  # interquartile ranges beyond the quartiles: an outlier (Tukey 1977)

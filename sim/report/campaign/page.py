@@ -18,7 +18,7 @@ from sim.report.campaign.panels import legend
 from sim.series.palette import on_light
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 Array = NDArray[np.floating]
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sim.campaign.settings import Campaign
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
-from sim.table_style import counted
+from sim.text.table_style import counted
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from rich.table import Table
 from sim.campaign.settings import Campaign
 from sim.report.campaign.panels import legend, panels
 from sim.series.palette import LOOP_VARIANTS
-from sim.table_style import counted, number, plain_table
+from sim.text.table_style import counted, number, plain_table
 
 COLUMNS = 3
 DASHES = ("-", "--", ":", "-.")

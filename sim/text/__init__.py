@@ -1,0 +1,1 @@
+"""Text that people write and read: names, one line of complaint, tables at a terminal, TOML."""
