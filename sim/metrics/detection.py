@@ -53,7 +53,7 @@ def detections(declared: Flags, occurrences: Sequence[Occurrence]) -> Detections
       occurrences: of the faults; their trials are rows of `declared`.
     """
     ticks = declared.shape[-1]
-    visible = {}
+    visible: dict[tuple[int, int], int] = {}
     for o in sorted(occurrences, key=lambda o: (o.trial, o.start_tick, lag(o.kind))):
         visible.setdefault((o.trial, o.start_tick), o.start_tick + lag(o.kind))
     events = np.array([(trial, start, seen) for (trial, start), seen in visible.items() if seen < ticks], dtype=np.int64).reshape(-1, 3)
@@ -80,20 +80,29 @@ def visible_faults(fault: Flags, occurrences: Sequence[Occurrence]) -> Flags:
 
 
 def false_alarms(declared: Flags, clear: Flags, found: Detections) -> Flags:
-    """Where an alarm is raised while `clear` (trials, ticks) says that no fault acts or can be seen, other than the late detection of one."""
+    """Where an alarm is raised while no fault acts or can be seen, `clear` (trials, ticks), other than the late detection of one."""
     before = np.concatenate([np.zeros_like(declared[:, :1]), declared[:, :-1]], axis=1)
     own = np.zeros_like(declared)
     own[found.trial[found.detected], found.raised[found.detected]] = True
     return declared & ~before & clear & ~own
 
 
-def censored_median(delay: Array, detected: Flags) -> float:
-    """Median delay of events, (events,), of which those not detected have a delay longer than that given (Kaplan & Meier 1958).
+def detected_by(delay: Array, detected: Flags) -> tuple[Array, Array]:
+    """Times of detections and the share of events detected by then, of events (events,) each (Kaplan & Meier 1958).
 
-    NaN if fewer than half can be said to have been detected by any time.
+    Those not detected have a delay longer than that given: they count as not detected until then, and say nothing afterwards.
     """
     order = np.lexsort((~detected, delay))  # at equal times detections come first
     at_risk = np.arange(len(delay), 0, -1)
     survival = np.cumprod(np.where(detected[order], 1.0 - 1.0 / at_risk, 1.0))
-    reached = np.flatnonzero(survival <= 0.5 + 1e-12)
-    return float(delay[order][reached[0]]) if len(reached) else float("nan")
+    return delay[order][detected[order]], 1.0 - survival[detected[order]]
+
+
+def censored_median(delay: Array, detected: Flags) -> float:
+    """Median delay of events, (events,), where those not detected have a longer one than that given.
+
+    NaN if fewer than half can be said to have been detected by any time.
+    """
+    time, share = detected_by(delay, detected)
+    reached = np.flatnonzero(share >= 0.5 - 1e-12)
+    return float(time[reached[0]]) if len(reached) else float("nan")

@@ -135,16 +135,24 @@ def campaign(rows: list[dict[str, Any]], point: dict[str, Any]) -> Table:
     table = plain_table("Over the trials" + (f" at {settings}" if settings else ""), _campaign_caption(point))
     table.add_column("filter", no_wrap=True)
     table.add_column("metric", no_wrap=True)
-    for heading in ("mean", "95 % of the mean", "5 %", "median", "95 %"):
+    for heading in ("n", "mean", "95 % of the mean", "5 %", "median", "95 %"):
         table.add_column(heading, justify="right")
     for row in rows:
         if row["phase"] == "all" and row["metric"] in _CAMPAIGN:
             name, factor = _CAMPAIGN[row["metric"]]
-            interval = f"{number(factor * row['mean_low'])} .. {number(factor * row['mean_high'])}"
-            table.add_row(
-                row["subject"], name, *(number(factor * row["mean"]), interval), *(number(factor * row[q]) for q in ("q05", "q50", "q95"))
-            )
+            low, high = row["mean_low"], row["mean_high"]
+            interval = number(None) if low is None else f"{number(factor * low)} .. {number(factor * high)}"
+            spread = (number(factor * row[q]) for q in ("q05", "q50", "q95"))
+            table.add_row(row["subject"], name, str(row["n"]), number(factor * row["mean"]), interval, *spread)
     return table
+
+
+def detected(found: dict[str, Any]) -> str:
+    """How many faults were found, and how fast: delays that nobody saw the end of count as longer."""
+    median = found["median_delay_s"]
+    said = f"{found['faults_detected']} of {found['faults']} faults detected"
+    said += f", {found['faults_missed']} missed, {found['faults_already_alarmed']} with an alarm that already stood"
+    return f"{said}; median delay {number(median)} s" if median is not None else said
 
 
 def _campaign_caption(point: dict[str, Any]) -> str:
@@ -152,6 +160,7 @@ def _campaign_caption(point: dict[str, Any]) -> str:
         f"{d['who']} in {d['metric']}: {100 * d['share']:.1f} % of {d['n']} trials ({100 * d['low']:.1f} .. {100 * d['high']:.1f})"
         for d in point["beats_both"]
     ]
+    lines += [f"{name}: {detected(found)}" for name, found in point["detection"].items() if found["faults"]]
     lines += [f"worst of {name}: trials {', '.join(str(trial) for trial, _ in found)}" for name, found in point["worst"].items() if found]
     if point["failed_trials"]:
         lines.append(f"failed: trials {', '.join(map(str, point['failed_trials'][:10]))}")
