@@ -25,6 +25,7 @@ _COLUMNS = (
     ("rmse_residual_quaternion", "resid.\nq\n1e-3", 1e3),
     ("rmse_residual_rate", "resid.\nrate\n1e-3", 1e3),
     ("nis_mean", "NIS", 1.0),
+    ("nis_dof_mean", "its\ndof", 1.0),
     ("nis_inside_fraction", "NIS in\n95 %\n%", 100.0),
     ("white_fraction", "white\nlags\n%", 100.0),
     ("declared_fraction", "decl.\n\n%", 100.0),

@@ -75,6 +75,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     several = sorted(set(dof.values()), reverse=True)
     bands = {n: "{:.2f} .. {:.2f}".format(*average_bounds(n, trials)) for n in several}
     complete = not found.get(("loop", "incomplete_readings"), 0.0)
+    counted = not complete and any((name, "nis_dof_mean") in found for name in names)  # each NIS beside the dof of what was read
     caption = f"means over {trials} trials"
     if several:
         what = "NEES and NIS" if complete else "NEES, and NIS of complete readings,"
@@ -86,7 +87,9 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
         table.add_column("dof", justify="right", no_wrap=True)
     for metric, name, _ in _ESTIMATORS:
         heading = name
-        if metric in ("nees_mean", "nis_mean") and len(several) == 1:
+        if metric == "nis_mean" and counted:
+            heading += "\n(dof)"
+        elif metric in ("nees_mean", "nis_mean") and len(several) == 1:
             heading += f"\n{'' if complete or metric == 'nees_mean' else '<= '}{several[0]}\ndof"
         table.add_column(heading, justify="right", no_wrap=True)
         if published and metric == "rmse_residual_total":
@@ -95,7 +98,8 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
         cells = [str(dof[name])] if len(several) > 1 else []
         for metric, _, factor in _ESTIMATORS:
             value = found.get((name, metric))
-            cells.append(number(None if value is None else factor * value))
+            read = found.get((name, "nis_dof_mean")) if counted and metric == "nis_mean" else None
+            cells.append(number(None if value is None else factor * value) + (f" ({number(read)})" if read is not None else ""))
             if published and metric == "rmse_residual_total":
                 printed = published.values.get(name, {}).get(metric)
                 cells.append(number(None if printed is None else factor * printed))

@@ -136,6 +136,8 @@ class UserFilter:
         e = layout.size if isinstance(self.space, Additive) else layout.errors
         read = _degrees_of_freedom(measurement, layout)
         statistic, declared = self._part(own, "statistic", lead, method), self._part(own, "declared", lead, method, 0.0)
+        if np.isnan(declared).any():
+            raise self.source.complaint(method, f"declared has no number at tick {tick}; needs true or false, or leave it out altogether")
         told = Belief(
             mean=mean[None],
             covariance=self._part(own, "covariance", (*lead, e, e), method)[None],
