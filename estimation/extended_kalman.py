@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import Belief, Detection, Innovation, innovate, joseph, symmetrize
-from estimation.observation import begin, observe, whole_state
+from estimation.observation import begin, degrees_of_freedom, observe, whole_state
 from estimation.state_space import Additive, StateSpace
 from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import Prediction, ProcessModel, predict
@@ -108,6 +108,6 @@ class ExtendedFilter:
             innovation=innovation.residual,
             nis=innovation.nis,
             log_likelihood=innovation.log_likelihood,
-            dof=innovation.dof,
+            dof=degrees_of_freedom(self.measurement_model, self.space, observation.residual),
             detection=detection,
         )

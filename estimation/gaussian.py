@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.state_space import StateSpace
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
@@ -39,7 +40,7 @@ class Belief(NamedTuple):
     innovation: Array  # (..., d) reading minus prediction; zero where the reading is missing
     nis: Array  # (...,) normalised innovation squared
     log_likelihood: Array  # (...,) of the reading given the ones before
-    dof: Array  # (...,) components of the reading that were not missing
+    dof: Array  # (...,) degrees of freedom of the NIS: components read, a unit quaternion's four counting three
     detection: Detection
     lost: Array | None = None  # (...,) covariances repaired so far because they had no Cholesky factor; None: the filter needs none
     modes: Modes | None = None  # of a filter with several models
@@ -60,7 +61,7 @@ class Innovation(NamedTuple):
     gain: Array  # (..., e, d) Kalman's
     nis: Array
     log_likelihood: Array
-    dof: Array
+    dof: Array  # (...,) components that were not missing, a quaternion's four counting four: the dimension of the density
     sensitivity: Array | None = None  # H, (..., d, e), rows of zeros where the reading is missing; None: the unit matrix
 
 
@@ -76,6 +77,9 @@ def first_belief(space: StateSpace, measurement: Array, noise: Array, prior: Arr
     """
     lead = np.broadcast_shapes(measurement.shape[:-1], noise.shape[:-2])
     seen = np.broadcast_to(measurement, (*lead, measurement.shape[-1]))
+    if space.attitude != "components":  # a part of a quaternion is no attitude, and beside a part of the prior's it would be another one
+        torn = np.isnan(seen[..., ATTITUDE]).any(axis=-1, keepdims=True)
+        seen = np.concatenate([np.where(torn, np.nan, seen[..., ATTITUDE]), seen[..., 4:]], axis=-1)
     mean = np.where(np.isnan(seen), prior, seen)
     zero = space.difference(seen, mean)  # NaN where missing, in error coordinates
     missing = np.isnan(zero)
@@ -83,19 +87,33 @@ def first_belief(space: StateSpace, measurement: Array, noise: Array, prior: Arr
     covariance = np.where(known, noise, 0.0) + (missing * prior_variance)[..., None] * np.eye(zero.shape[-1])
     nothing = np.zeros(lead)
     dof = np.sum(~missing, axis=-1, dtype=float)
+    if space.attitude == "quaternion":  # a unit quaternion's four components have three degrees of freedom
+        dof = dof - ~missing[..., 0]
     unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
     return Belief(mean, covariance, np.zeros(zero.shape), unknown, nothing, dof, no_detection(nothing))
 
 
-def corrected(mean: Array, covariance: Array, innovation: Innovation, before: Belief, lost: Array, memory: Any = None) -> Belief:
-    """What an unscented filter believes after a reading; `lost` (...,) is 1 where its covariance had to be repaired since `before`."""
+def corrected(
+    mean: Array, covariance: Array, innovation: Innovation, dof: Array, before: Belief, lost: Array, memory: Any = None
+) -> Belief:
+    """What an unscented filter believes after a reading.
+
+    Args:
+      mean: (..., n).
+      covariance: (..., e, e).
+      innovation: of the reading.
+      dof: degrees of freedom of its NIS, (...,).
+      before: the belief before.
+      lost: 1 where a covariance had to be repaired since then, (...,).
+      memory: what else the filter keeps.
+    """
     return Belief(
         mean=mean,
         covariance=covariance,
         innovation=innovation.residual,
         nis=innovation.nis,
         log_likelihood=innovation.log_likelihood,
-        dof=innovation.dof,
+        dof=dof,
         detection=no_detection(innovation.nis),
         lost=lost if before.lost is None else before.lost + lost,
         memory=memory,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimation.adaptive_unscented import FadingMemory
 from estimation.fading import ConstantFading, FadingLaw, Surprise
 from estimation.gaussian import Belief, cholesky, corrected, innovate, symmetrize
-from estimation.observation import begin, observe, observe_by_points, whole_state
+from estimation.observation import begin, degrees_of_freedom, observe, observe_by_points, whole_state
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Multiplicative
 from models.dynamics.measurement import MeasurementModel
@@ -142,6 +142,7 @@ class JointUnscentedFilter:
             np.concatenate([moved, belief.mean[..., MOTION.stop :] + correction[..., 6:]], axis=-1),
             symmetrize(covariance - cross.swapaxes(-1, -2) @ cross),
             innovation,
+            degrees_of_freedom(self.measurement_model, ATTITUDE, residual),
             belief,
             lost if repaired is None else np.maximum(lost, repaired),
             FadingMemory(fading, variance, memory.elapsed + dt),

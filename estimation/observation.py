@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from estimation.gaussian import Belief, first_belief, innovate, joseph, no_detection
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import StateSpace
-from models.dynamics.measurement import MeasurementModel, WholeState
-from models.dynamics.stacked_measurement import PartOfReading
+from models.dynamics.measurement import MeasurementModel, PartOfState, WholeState
+from models.dynamics.stacked_measurement import PartOfReading, StackedMeasurement
 from models.dynamics.vector_part_measurement import VectorPart
 
 Array = NDArray[np.floating]
@@ -56,6 +56,30 @@ def observe(measurement: MeasurementModel, space: StateSpace, reading: Array, st
     residual = measurement.residual(reading, measurement.predict(state))
     rows = measurement.linear(space.attitude)
     return Observation(residual, measurement.noise, space.sensitivity(measurement.jacobian(state), state) if rows is None else rows)
+
+
+def degrees_of_freedom(measurement: MeasurementModel, space: StateSpace, residual: Array) -> Array:
+    """Of the NIS of a residual (..., d): the components that were read, the four of a unit quaternion counting three; (...,).
+
+    A quaternion's length carries nothing, so that one of its four terms is zero to first order (docs/consistency.md).
+    """
+    return np.sum(~np.isnan(residual), axis=-1, dtype=float) - _quaternions(measurement, space, residual)
+
+
+def _quaternions(measurement: MeasurementModel, space: StateSpace, residual: Array) -> Array:
+    """How many attitudes of a residual (..., d) were read as unit quaternions, (...,)."""
+    match measurement:
+        case PartOfReading():
+            return _quaternions(measurement.measurement, space, residual)
+        case StackedMeasurement():
+            parts = np.split(residual, np.cumsum([part.noise.shape[-1] for part in measurement.parts])[:-1], axis=-1)
+            each = [_quaternions(part, space, own) for part, own in zip(measurement.parts, parts, strict=True)]
+            return np.sum(each, axis=0)
+        case WholeState() | PartOfState():
+            how = space.attitude if directly(measurement, space) else measurement.attitude
+            if how == "quaternion":
+                return np.where(np.isnan(residual[..., 0]), 0.0, 1.0)
+    return np.zeros(residual.shape[:-1])
 
 
 def observe_by_points(
@@ -104,7 +128,8 @@ def begin(measurement: MeasurementModel, space: StateSpace, reading: Array, prio
         return begin(measurement.measurement, space, measurement.of(reading), prior, prior_variance)
     if isinstance(measurement, VectorPart):
         first = begin(WholeState(measurement.noise_of_whole), space, measurement.completed(reading), prior, prior_variance)
-        return first._replace(innovation=first.innovation[..., 1:])
+        dof = np.broadcast_to(np.sum(~np.isnan(measurement.residual(reading, reading)), axis=-1, dtype=float), first.dof.shape)
+        return first._replace(innovation=first.innovation[..., 1:], dof=dof)
     lead = np.broadcast_shapes(measurement.noise.shape[:-2], prior.shape[:-1], prior_variance.shape[:-1])
     noise = np.broadcast_to(measurement.noise, (*lead, *measurement.noise.shape[-2:]))
     if directly(measurement, space):
@@ -127,7 +152,7 @@ def begin(measurement: MeasurementModel, space: StateSpace, reading: Array, prio
         covariance = joseph(covariance, innovation.gain, noise, innovation.sensitivity)
     nothing = np.zeros(lead)
     unknown = np.full(lead, np.nan)  # nothing was predicted, so nothing can be surprising
-    dof = np.broadcast_to(np.sum(known, axis=-1), lead)
+    dof = np.broadcast_to(degrees_of_freedom(measurement, space, observation.residual), lead)
     empty = np.zeros((*lead, missing.shape[-1]))
     return Belief(space.displace(start, correction), covariance, empty, unknown, nothing, dof, no_detection(nothing))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detection, symmetrize
-from estimation.observation import begin, observe, whole_state
+from estimation.observation import begin, degrees_of_freedom, observe, whole_state
 from estimation.proposals import Optimal, ProcessNoise, Proposal, Through
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
 from estimation.state_space import Additive, StateSpace
@@ -39,7 +39,7 @@ class ParticleBelief(NamedTuple):
     innovation: Array  # (..., d) reading minus prediction of them all; zero where missing
     nis: Array  # (...,) of that, by the covariance of the prediction
     log_likelihood: Array  # (...,) of the reading given the ones before
-    dof: Array  # (...,) components of the reading that were not missing
+    dof: Array  # (...,) degrees of freedom of the NIS: components read, a unit quaternion's four counting three
     detection: Detection
     particles: Array  # (..., particles, n)
     log_weights: Array  # (..., particles), normalised
@@ -158,7 +158,7 @@ class ParticleFilter:
             innovation=innovation.residual,
             nis=innovation.nis,
             log_likelihood=log_likelihood,
-            dof=innovation.dof,
+            dof=degrees_of_freedom(self.measurement_model, self.space, apart),
             detection=no_detection(innovation.nis),
             particles=self.space.displace(centre[..., None, :], errors),
             log_weights=log_weights,

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.gaussian import LostDefiniteness
+
 Array = NDArray[np.floating]
 Indices = NDArray[np.int64]
 
@@ -22,10 +24,19 @@ def effective_sample_size(log_weights: Array) -> Array:
 
 
 def normalize(log_weights: Array) -> tuple[Array, Array]:
-    """Log weights that sum to one, (..., particles), and the logarithm of what they summed to, (...)."""
+    """Log weights that sum to one, (..., particles), and the logarithm of what they summed to, (...).
+
+    The greatest is taken off first and the rest of the sum afterwards, for together they lose the rest: 1e16 + log 50 is 1e16.
+
+    Raises:
+      LostDefiniteness: no particle of a trial has any weight, or one has no number for it.
+    """
     top = np.max(log_weights, axis=-1, keepdims=True)
-    total = top + np.log(np.sum(np.exp(log_weights - top), axis=-1, keepdims=True))
-    return log_weights - total, total[..., 0]
+    if not np.isfinite(top).all():
+        raise LostDefiniteness(tuple(map(int, np.argwhere(~np.isfinite(top[..., 0]))[0])), "sum of the particles' weights")
+    apart = log_weights - top
+    rest = np.log(np.sum(np.exp(apart), axis=-1, keepdims=True))
+    return apart - rest, (top + rest)[..., 0]
 
 
 def multinomial(weights: Array, uniforms: Array) -> Indices:

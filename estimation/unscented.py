@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import Belief, corrected, innovate, joseph
-from estimation.observation import begin, observe_by_points, whole_state
+from estimation.observation import begin, degrees_of_freedom, observe_by_points, whole_state
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Additive, StateSpace
 from models.dynamics.measurement import MeasurementModel
@@ -115,6 +115,7 @@ class UnscentedFilter:
             self.space.displace(mean, correction),
             joseph(covariance, innovation.gain, observation.noise, innovation.sensitivity),
             innovation,
+            degrees_of_freedom(self.measurement_model, self.space, observation.residual),
             before,
             lost if repaired is None else np.maximum(lost, repaired),
             memory,

@@ -135,6 +135,23 @@ def test_a_covariance_without_an_inverse_costs_the_nees_alone(nacs, tmp_path: Pa
     assert {"nis_mean", "false_alarm_fraction"} <= metrics
 
 
+def test_what_a_filter_declares_is_yes_or_no(nacs, tmp_path: Path) -> None:
+    (tmp_path / "unsure.py").write_text(WHOLE.replace("b.detection.declared,", "np.where(b.nis > 0, np.nan, 0.0),"))
+    result = nacs("run", *QUICK, "--observer", "unsure.py:OwnMEKF2", "--out", "it")
+    assert result.code == 2
+    assert result.err.count("\n") == 1, result.err
+    assert "declared has no number at tick" in result.err
+
+
+def test_a_filter_that_says_nothing_about_faults_is_not_one_that_never_alarms(nacs, tmp_path: Path) -> None:
+    (tmp_path / "silent.py").write_text(WHOLE.replace("b.detection.declared,", "None,"))
+    result = nacs("run", *QUICK, "--observer", "silent.py:OwnMEKF2", "--out", "it")
+    assert result.code == 0, result.err
+    found = {r["metric"] for r in json.loads((tmp_path / "it" / "summary.json").read_text())["rows"] if r["subject"] == "own-mekf2"}
+    assert "nis_mean" in found
+    assert not {m for m in found if m.startswith(("false_alarm", "fault", "missed", "silent", "detection", "peak_statistic"))}
+
+
 GOOD = """
 from typing import NamedTuple
 import numpy as np

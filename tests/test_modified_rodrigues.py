@@ -102,3 +102,9 @@ def test_an_agent_is_the_same_in_any_batch():
     whole = runge_kutta(process, state, torque, 0.01)
     for trials in (1, 3, 10):
         np.testing.assert_array_equal(runge_kutta(process, state[:trials], torque[:trials], 0.01), whole[:trials])
+
+
+def test_of_a_set_with_a_missing_component_nobody_knows_which_it_is():
+    torn = np.array([[0.9, np.nan, 0.9], [0.1, 0.0, np.nan]])
+    assert np.isnan(modified_rodrigues.shorter(torn)).all()
+    assert np.isnan(modified_rodrigues.nearer(torn, np.zeros((2, 3)))).all()

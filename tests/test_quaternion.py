@@ -191,3 +191,17 @@ def test_a_row_has_the_same_bits_in_any_batch(name, size):
         some = slice(first, first + size)
         assert np.array_equal(function(*(x[some] for x in inputs)), everyone[some])
     assert np.array_equal(function(*(x[5] for x in inputs)), everyone[5])  # and without any axis
+
+
+def test_a_quaternion_with_a_missing_component_is_aligned_with_nothing():
+    """Either sign may be the one, whatever the other components say: no answer, where a comparison with NaN would say "no"."""
+    q = qt.normalize(np.array([[0.1, 0.2, 0.3, 0.9]] * 5))
+    torn = np.array(q)
+    torn[[0, 1, 2, 3], [0, 1, 2, 3]] = np.nan
+    for sign in (1.0, -1.0):
+        found = qt.align(sign * torn, q)
+        assert np.isnan(found[:4]).all()
+        np.testing.assert_array_equal(found[4], q[4])
+    assert np.isnan(qt.align(q, torn)[:4]).all()
+    assert np.isnan(qt.error(torn, q)[:4]).all()
+    assert np.isnan(qt.to_rotation_vector(torn)[:4]).all()

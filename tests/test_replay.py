@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from sim.replay.estimates import estimates
 from sim.replay.flight_log import FlightLog, export, read
 from sim.replay.flight_log import about as said_by
 from sim.replay.log_columns import columns_of
+from sim.replay.metrics import evaluate
 from sim.replay.replay import Replayed, judge, replay
 from sim.replay.setting import choose, setting
 from sim.scenario.files import load
@@ -157,6 +159,57 @@ def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path
     gone = np.isnan(log.reading)
     assert np.isnan(replayed.innovation["mekf"][gone[..., 4]][:, 3:6]).all()
     assert np.isfinite(replayed.innovation["mekf"][1:][~gone[1:].any(axis=-1)]).all()
+
+
+def test_an_attitude_that_is_read_in_part_is_not_read_and_its_sign_says_nothing(tmp_path: Path) -> None:
+    """NEES against ten and NIS against the degrees of freedom of what was read, with half of the quaternions turned to -q."""
+    scenario = load("nacs/fault-free", {"run.ticks": 200})
+    recording = run(build(scenario, np.arange(20)))
+    export(tmp_path / "log.parquet", {"loop": recording}, scenario, "nacs/fault-free")
+    (log,) = read(tmp_path / "log.parquet", columns_of(scenario))
+    random, torn = np.random.default_rng(5), log.reading.copy()
+    gone = random.random(torn.shape[:2]) < 0.3
+    torn[..., :4] *= random.choice([-1.0, 1.0], torn.shape[:2])[..., None]
+    torn[gone, random.integers(0, 4, gone.sum())] = np.nan  # also at the first tick, where filters begin
+    names, whole = ["ekf", "mekf"], torn.copy()
+    whole[gone, :4] = np.nan
+    found, same = (run_over(replace(log, reading=one), scenario, {}, names) for one in (torn, whole))
+    for name in names:
+        channels = found.recording.channels
+        for part in PARTS:
+            np.testing.assert_array_equal(channels[f"{name}/{part}"], same.recording.channels[f"{name}/{part}"], f"{name}/{part}")
+        dof, nis = channels[f"{name}/dof"], channels[f"{name}/nis"]
+        np.testing.assert_array_equal(dof, np.where(gone, 7.0, 10.0))
+        assert np.mean(channels[f"{name}/nees"][50:]) == pytest.approx(10.0, rel=0.05)
+        assert np.sum(nis[1:]) / np.sum(dof[1:]) == pytest.approx(1.0, abs=0.05)
+        assert judge(found, name).nis_inside > 0.85
+    np.testing.assert_allclose(channels["ekf/mean"][1:, :, 4:], channels["mekf/mean"][1:, :, 4:], rtol=1e-3, atol=1e-4)
+
+
+def test_where_nothing_was_read_there_is_no_nis(tmp_path: Path, flown: Flown) -> None:
+    about = said_by(flown.path)
+    scenario = setting(about, "log", None, {})
+    (log,) = read(flown.path, columns_of(scenario))
+    silent = log.reading.copy()
+    silent[20:40] = np.nan
+    silent[60:80, :, :4], silent[60:80, :, 7:] = np.nan, np.nan  # a gyro alone
+    names = ["ekf", "mekf", "nis-fading"]
+    found = run_over(replace(log, reading=silent), scenario, about, names)
+    rows = {(metric.subject, metric.metric): metric.values for metric in evaluate([found], scenario) if metric.phase == "all"}
+    for name in names:
+        nis, dof = (found.recording.channels[f"{name}/{part}"] for part in ("nis", "dof"))
+        assert np.isnan(nis[20:40]).all()
+        assert set(np.unique(dof[60:80])) <= {0.0, 3.0}
+        there = np.isfinite(nis)
+        np.testing.assert_allclose(rows[name, "nis_mean"], [nis[own, i].mean() for i, own in enumerate(there.T)], rtol=1e-12)
+        np.testing.assert_allclose(rows[name, "nis_dof_mean"], [dof[own, i].mean() for i, own in enumerate(there.T)], rtol=1e-12)
+    nothing = run_over(replace(log, reading=np.where(np.arange(len(silent))[:, None, None] > 0, np.nan, silent)), scenario, about, ["ekf"])
+    (mean,) = (m.values for m in evaluate([nothing], scenario) if (m.metric, m.phase) == ("nis_mean", "all"))
+    assert np.isnan(mean).all()  # not zero, which would be a filter far too sure of itself
+    declared = estimates(found)
+    by_filter = dict(zip(declared["filter"].to_pylist(), declared["declared"].to_pylist(), strict=True))
+    assert by_filter["ekf"] is None  # it has no detector, so it does not say that all is well
+    assert by_filter["nis-fading"] is not None
 
 
 def wrong_logs(table: pa.Table) -> dict[str, tuple[pa.Table, list[str]]]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimation.gaussian import LostDefiniteness
 from estimation.resampling import SCHEMES, effective_sample_size, multinomial, normalize, pick, residual, stratified, systematic
 
 every_scheme = pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES.keys())
@@ -90,3 +91,25 @@ def test_log_weights_far_below_what_a_float_can_hold_are_normalised():
     log_weights, total = normalize(np.array([[-2000.0, -2000.0 + np.log(3.0)], [1000.0, 1000.0]]))
     np.testing.assert_allclose(np.exp(log_weights), [[0.25, 0.75], [0.5, 0.5]])
     np.testing.assert_allclose(total, [-2000.0 + np.log(4.0), 1000.0 + np.log(2.0)], rtol=1e-14)
+
+
+@pytest.mark.parametrize("height", [-1e300, -3e16, -1e12, 0.0, 1e12, 3e16, 1e300])
+def test_however_far_down_all_weights_are_equal_ones_are_one_in_fifty(height):
+    log_weights, total = normalize(np.full((2, 50), height))
+    np.testing.assert_allclose(np.exp(log_weights).sum(axis=-1), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(effective_sample_size(log_weights), 50.0, rtol=1e-14)
+    np.testing.assert_allclose(total, height + np.log(50.0), rtol=1e-15)
+    unequal, _ = normalize(height + np.array([0.0, -4.0]) * max(1.0, abs(height) * 1e-15))
+    assert 1.0 <= effective_sample_size(unequal) <= 2.0
+
+
+@pytest.mark.parametrize("worthless", [-np.inf, np.nan])
+def test_particles_that_no_reading_can_come_from_are_no_belief(worthless):
+    weights = np.zeros((3, 4, 5))
+    weights[1, 2] = worthless
+    with pytest.raises(LostDefiniteness, match="particles' weights") as lost:
+        normalize(weights)
+    assert lost.value.where == (1, 2)
+    weights[1, 2, 0] = 0.0
+    if np.isinf(worthless):
+        assert effective_sample_size(normalize(weights)[0])[1, 2] == 1.0

@@ -14,11 +14,12 @@ from sim.tables.one_body import estimators
 TRIALS = 4
 
 
-def table(wheels: dict[str, bool], missing: float = 0.0) -> Table:
+def table(wheels: dict[str, bool], missing: float = 0.0, dof: float | None = None) -> Table:
     """Of some filters, which estimate wheel speeds or do not."""
     found = [Metric("loop", "incomplete_readings", "all", "1", np.full(TRIALS, missing))]
     for name, estimated in wheels.items():
         found += [Metric(name, part, "all", "1", np.full(TRIALS, 7.0)) for part in ("nees_mean", "nis_mean")]
+        found += [Metric(name, "nis_dof_mean", "all", "1", np.full(TRIALS, dof))] if dof else []
         found += [Metric(name, "rmse_truth_wheel", "all", "rad/s", np.ones(TRIALS))] if estimated else []
     return estimators(rows(found), list(wheels), None, TRIALS)
 
@@ -54,3 +55,10 @@ def test_nis_has_fewer_where_readings_are_missing() -> None:
 
 def test_without_observers_nothing_is_said_of_consistency() -> None:
     assert table({}).caption == f"means over {TRIALS} trials"
+
+
+def test_nis_of_incomplete_readings_stands_beside_its_degrees_of_freedom() -> None:
+    shown = table({"ekf": True}, missing=3.0, dof=6.25)
+    place = headings(shown).index("NIS (dof)")
+    assert list(shown.columns[place].cells) == ["7 (6.25)"]
+    assert "NIS 10 dof" in headings(table({"ekf": True}, dof=10.0))

@@ -32,17 +32,17 @@ def shadow(sigma: Array) -> Array:
 
 
 def shorter(sigma: Array) -> Array:
-    """Of the two sets the one with |sigma| <= 1, turns of at most pi; (..., 3)."""
+    """Of the two sets the one with |sigma| <= 1, turns of at most pi; (..., 3); NaN if a component is missing, since either may be it."""
     square = np.sum(sigma * sigma, axis=-1, keepdims=True)
-    return np.where(square > 1.0, -sigma / np.where(square > 1.0, square, 1.0), sigma)
+    return np.where(square > 1.0, -sigma / np.where(square > 1.0, square, 1.0), np.where(np.isnan(square), np.nan, sigma))
 
 
 def nearer(sigma: Array, reference: Array) -> Array:
-    """Of the two sets the one nearer to `reference` in its components; (..., 3)."""
+    """Of the two sets the one nearer to `reference` in its components; (..., 3); NaN if a component is missing, since either may be it."""
     square = np.sum(sigma * sigma, axis=-1, keepdims=True)
     other = -sigma / np.where(square > 0.0, square, np.inf)
     there = np.sum((other - reference) ** 2, axis=-1, keepdims=True) < np.sum((sigma - reference) ** 2, axis=-1, keepdims=True)
-    return np.where(there & (square > 0.0), other, sigma)
+    return np.where(there & (square > 0.0), other, np.where(np.isnan(square), np.nan, sigma))
 
 
 def kinematics(sigma: Array) -> Array:

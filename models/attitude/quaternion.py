@@ -92,8 +92,12 @@ def angle(quaternion: Array, reference: Array) -> Array:
 
 
 def align(quaternion: Array, reference: Array) -> Array:
-    """Of q and -q, the same attitude, the one nearer to `reference`; (..., 4)."""
-    return quaternion * np.where(np.vecdot(quaternion, reference)[..., None] < 0.0, -1.0, 1.0)
+    """Of q and -q, the same attitude, the one nearer to `reference`; (..., 4).
+
+    With a component missing (NaN) nobody knows which that is, so that the attitude is missing: four NaN.
+    """
+    along = np.vecdot(quaternion, reference)[..., None]
+    return quaternion * np.where(along < 0.0, -1.0, np.where(along >= 0.0, 1.0, np.nan))
 
 
 def _square(vector: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.dynamics.measurement import AttitudeError, PartOfState
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 
@@ -59,7 +60,11 @@ class VectorPart:
         return self._part.linear(errors)
 
     def completed(self, reading: Array) -> Array:
-        """A reading (..., n) with the fourth component that the constraint gives, taken to be positive, as a first reading must be."""
+        """A reading (..., n) with the fourth component that the constraint gives, taken to be positive, as a first reading must be.
+
+        If a part of the vector is missing the constraint gives nothing: the attitude is missing as a whole.
+        """
         seen = np.array(reading, dtype=float)
         seen[..., 3] = np.sqrt(np.maximum(0.0, 1.0 - np.sum(seen[..., :3] ** 2, axis=-1)))
+        seen[..., ATTITUDE] = np.where(np.isnan(seen[..., 3:4]), np.nan, seen[..., ATTITUDE])
         return seen

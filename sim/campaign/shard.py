@@ -49,7 +49,7 @@ class Tables(NamedTuple):
     start: int
     metrics: pa.Table  # point, trial, seed, subject, metric, phase, unit, value, reason
     bands: pa.Table  # quantity, observer, tick, bin, count
-    consistency: pa.Table  # statistic, observer, tick, total, count
+    consistency: pa.Table  # statistic, observer, tick, total, count, freedom
     processor: str  # that computed it
 
 
@@ -166,15 +166,16 @@ def _bands(recording: Recording | None) -> pa.Table:
     parts: list[dict[str, object]] = []
     for (quantity, observer), values in (band_quantities(recording) if recording is not None else {}).items():
         scaled = BINS_PER_DECADE * (np.log10(np.maximum(values, 10.0**LOWEST_DECADE)) - LOWEST_DECADE)
-        index = np.clip(np.floor(scaled), 0, BINS - 1).astype(np.int64) + BINS * np.arange(len(values))[:, None]
-        cell, count = np.unique(index, return_counts=True)
+        known = np.isfinite(scaled)  # what is no number is in no bin
+        index = np.clip(np.floor(np.where(known, scaled, 0.0)), 0, BINS - 1).astype(np.int64) + BINS * np.arange(len(values))[:, None]
+        cell, count = np.unique(index[known], return_counts=True)
         part = {"tick": BAND_EVERY_TICKS * (cell // BINS), "bin": cell % BINS, "count": count}
         parts.append({"quantity": [quantity] * len(cell), "observer": [observer] * len(cell), **part})
     return _concatenate(parts, ("quantity", "observer", "tick", "bin", "count"))
 
 
 def _consistency(recording: Recording | None) -> pa.Table:
-    """Sums over trials of NEES and NIS at every tick, in whole numbers."""
+    """Sums over trials of NEES and NIS, and of the degrees of freedom of NIS, at every tick, in whole numbers."""
     parts: list[dict[str, object]] = []
     for name in recording.observers if recording is not None else ():
         for statistic in ("nees", "nis"):
@@ -182,10 +183,11 @@ def _consistency(recording: Recording | None) -> pa.Table:
             values = recording.channels[f"{name}/{statistic}"]
             known = np.isfinite(values)
             total = np.sum(np.round(FIXED_POINT * np.minimum(np.where(known, values, 0.0), LARGEST)).astype(np.int64), axis=1)
+            dof = np.where(known, np.nan_to_num(recording.channels[f"{name}/dof"]), 0.0) if statistic == "nis" else np.zeros(values.shape)
             ticks = np.arange(len(values))
-            part = {"tick": ticks, "total": total, "count": known.sum(axis=1)}
+            part = {"tick": ticks, "total": total, "count": known.sum(axis=1), "freedom": np.round(np.sum(dof, axis=1)).astype(np.int64)}
             parts.append({"statistic": [statistic] * len(ticks), "observer": [name] * len(ticks), **part})
-    return _concatenate(parts, ("statistic", "observer", "tick", "total", "count"))
+    return _concatenate(parts, ("statistic", "observer", "tick", "total", "count", "freedom"))
 
 
 def _concatenate(parts: list[dict[str, object]], names: tuple[str, ...]) -> pa.Table:

@@ -11,14 +11,19 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
-from scipy.stats import binomtest, bootstrap, chi2
+from scipy.stats import binomtest, bootstrap, chi2, t
 
 from sim.campaign.shard import FIXED_POINT
+from sim.metrics.detection import censored_median
 
 Array = NDArray[np.floating]
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-RESAMPLES = 500
+RESAMPLES = 2000
+FEW, MANY = 30, 500  # trials from which, and up to which, the mean's interval is by the bootstrap
+COUNTS = ("faults", "faults_detected", "faults_missed", "faults_already_alarmed")  # added up over the trials
+BESIDE = (*COUNTS, "missed_watch_s", "nis_dof_mean")  # what other metrics are read with: not drawn for themselves
+SHARES = ("failed", "lost", "missed_fraction")  # of a trial they are zero or one, as a rule: their mean is a share of trials
 ROWS_AT_ONCE = 5_000_000
 
 
@@ -60,18 +65,77 @@ def distributions(trials: Path, point: int) -> Iterator[Distribution]:
                 yield Distribution(point=point, **row, trials=number[part], values=value[part])
 
 
+class Interval(NamedTuple):
+    """A 95 % interval of a mean, and how it was found; None where there is none."""
+
+    low: float | None
+    high: float | None
+    method: str | None
+
+
+def mean_interval(values: Array, seed: int, of_share: bool = False) -> Interval:
+    """The 95 % interval of a mean over trials, (n,); of one trial there is none.
+
+    Few are taken to be normal (Student's t, Student 1908); of more the bias-corrected and accelerated bootstrap heeds their skewness
+    (BCa, Efron 1987); of many the mean is normal whatever they are, and Student's t says it again. A share of trials has the interval of
+    Clopper & Pearson (1934), which is never too short: ten of ten trials do not say "certainly".
+
+    Args:
+      values: finite.
+      seed: of the bootstrap.
+      of_share: they are zeros and ones, and their mean is the share of the ones.
+    """
+    if of_share:
+        share = binomtest(int(values.sum()), len(values)).proportion_ci(0.95, "exact")
+        return Interval(float(share.low), float(share.high), "Clopper-Pearson")
+    if len(values) < 2:
+        return Interval(None, None, None)
+    if FEW <= len(values) <= MANY and np.ptp(values) > 0.0:
+        found = bootstrap((values,), np.mean, n_resamples=RESAMPLES, batch=50, method="BCa", rng=seed).confidence_interval
+        return Interval(float(found.low), float(found.high), "BCa")
+    half = t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    return Interval(float(values.mean() - half), float(values.mean() + half), "Student t")
+
+
 def summarize(found: Distribution, seed: int) -> dict[str, Any]:
-    """A row of `summary.json`: statistics, quantiles and the 95 % bootstrap interval of the mean."""
+    """A row of `summary.json`: statistics, quantiles and the 95 % interval of the mean; None for what one trial has not."""
     values = found.values
     row: dict[str, Any] = {"point": found.point, "subject": found.subject, "metric": found.metric, "phase": found.phase, "unit": found.unit}
-    row |= {"mean": float(values.mean()), "std": float(values.std(ddof=1)) if len(values) > 1 else 0.0}
+    row |= {"mean": float(values.mean()), "std": float(values.std(ddof=1)) if len(values) > 1 else None}
     row |= {"min": float(values.min()), "max": float(values.max()), "n": len(values)}
     row |= {f"q{100 * q:02.0f}": float(v) for q, v in zip(QUANTILES, np.quantile(values, QUANTILES), strict=True)}
-    low = high = row["mean"]
-    if np.ptp(values) > 0:
-        interval = bootstrap((values,), np.mean, n_resamples=RESAMPLES, batch=50, method="percentile", rng=seed).confidence_interval
-        low, high = float(interval.low), float(interval.high)
-    return row | {"mean_low": low, "mean_high": high}
+    interval = mean_interval(values, seed, found.metric in SHARES and bool(np.isin(values, (0.0, 1.0)).all()))
+    return row | {"mean_low": interval.low, "mean_high": interval.high, "mean_interval": interval.method}
+
+
+class Watched(NamedTuple):
+    """What became of all faults that a subject could see, over the trials.
+
+    A trial with several faults counts with their mean delay, as often as it has them.
+    """
+
+    delay: Array  # s, (events,) from a fault's beginning to its alarm; of one that was missed as long as it was watched
+    detected: NDArray[np.bool_]  # (events,)
+    counts: dict[str, int]  # by metric
+
+
+def watched(found: list[Distribution], subject: str) -> Watched:
+    """Of a subject; without any events if their metrics were not kept. Faults before which an alarm already stood are only counted."""
+    of = {d.metric: dict(zip(d.trials.tolist(), d.values.tolist(), strict=True)) for d in found if (d.subject, d.phase) == (subject, "all")}
+    delay, detected = list[float](), list[bool]()
+    for times, number, hit in (("detection_delay_s", "faults_detected", True), ("missed_watch_s", "faults_missed", False)):
+        for trial, value in of.get(times, {}).items():
+            many = round(of.get(number, {}).get(trial, 1.0))
+            delay += [value] * many
+            detected += [hit] * many
+    return Watched(np.array(delay), np.array(detected, dtype=bool), {name: round(sum(of.get(name, {}).values())) for name in COUNTS})
+
+
+def detection(found: list[Distribution], subject: str) -> dict[str, Any]:
+    """How many faults a subject detected and missed, and the median delay, for which missed ones count as longer than they were watched."""
+    seen = watched(found, subject)
+    median = censored_median(seen.delay, seen.detected)
+    return seen.counts | {"median_delay_s": median if np.isfinite(median) else None}
 
 
 def duels(found: list[Distribution], metric: str) -> list[dict[str, Any]]:
@@ -102,13 +166,14 @@ def beats_both_by_trial(of: dict[str, Distribution], subject: str, others: tuple
 
 
 def _share(who: str, metric: str, hits: NDArray[np.bool_]) -> dict[str, Any]:
-    interval = binomtest(int(hits.sum()), len(hits)).proportion_ci()
+    """A share of trials and its 95 % interval by Clopper & Pearson."""
+    interval = mean_interval(hits.astype(float), 0, of_share=True)
     return {
         "who": who,
         "metric": metric,
         "share": float(hits.mean()),
-        "low": float(interval.low),
-        "high": float(interval.high),
+        "low": interval.low,
+        "high": interval.high,
         "n": len(hits),
     }
 
@@ -124,9 +189,9 @@ def operating_characteristic(found: list[Distribution], subject: str) -> dict[st
 
 
 def ensemble_consistency(sums: pa.Table, errors: int) -> list[dict[str, Any]]:
-    """Share of the ticks at which the NEES or NIS averaged over trials lies inside its 95 % bounds, those of as many `errors`.
+    """Share of the ticks at which the NEES or NIS averaged over trials lies inside its 95 % bounds.
 
-    `errors` counts the error coordinates of the filters, all of which readings carry.
+    NEES has as many degrees of freedom as filters have error coordinates, `errors`; NIS those of what was read at each tick.
     """
     rows = []
     names, kinds = np.asarray(sums["observer"]), np.asarray(sums["statistic"])
@@ -134,10 +199,14 @@ def ensemble_consistency(sums: pa.Table, errors: int) -> list[dict[str, Any]]:
     for name in dict.fromkeys(names):
         for kind in ("nees", "nis"):
             use = (names == name) & (kinds == kind) & (count > 0)
+            if not use.any():
+                continue
             average = total[use] / FIXED_POINT / count[use]
-            low, high = (chi2.ppf(p, errors * count[use]) / count[use] for p in (0.025, 0.975))
+            freedom = (errors * count if kind == "nees" else sums["freedom"].to_numpy())[use]
+            low, high = (chi2.ppf(p, freedom) / count[use] for p in (0.025, 0.975))
             inside = float(np.mean((low < average) & (average < high)))
-            rows.append({"observer": str(name), "statistic": kind, "mean": float(average.mean()), "ticks_inside": inside})
+            dof = float(freedom.sum() / count[use].sum())
+            rows.append({"observer": str(name), "statistic": kind, "mean": float(average.mean()), "dof": dof, "ticks_inside": inside})
     return rows
 
 

@@ -28,6 +28,7 @@ from sim.campaign.store import Store
 from sim.campaign.summary import (
     Distribution,
     beats_both,
+    detection,
     distributions,
     duels,
     ensemble_consistency,
@@ -208,7 +209,7 @@ def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, result
         found = list(distributions(merged, point))
         rows += [summarize(d, loaded.seed) for d in found if d.subject != "draw"]
         bands = store.add_up(own, BANDS, ["quantity", "observer", "tick", "bin"], ["count"])
-        sums = store.add_up(own, CONSISTENCY, ["statistic", "observer", "tick"], ["total", "count"])
+        sums = store.add_up(own, CONSISTENCY, ["statistic", "observer", "tick"], ["total", "count", "freedom"])
         consistency = ensemble_consistency(sums, errors)
         points.append(_point(point, settings, found, consistency))
         if not together and not sweep:
@@ -274,6 +275,7 @@ def _point(point: int, settings: dict[str, object], found: list[Distribution], c
         "beats_both": both,
         "duels": [row for m in metrics for row in duels(found, m)],
         "consistency": consistency,
+        "detection": {h: detection(found, h) for h in hybrids},
         "roc": {h: {k: [round(float(x), 6) for x in v] for k, v in c.items()} for h, c in curves.items() if c},
         "worst": {h: worst(found, "rmse_truth_rate", h) for h in hybrids},
     }

@@ -65,6 +65,7 @@ class Event(Section):
     aliases: ClassVar[tuple[Alias, ...]] = ()
     lasting: ClassVar[bool] = False  # may go on to the end of the run, or until the next of its kind
     random: ClassVar[bool] = False  # draws numbers that no key names
+    of_readings: ClassVar[bool] = False  # shows in the reading of its first tick, where what befalls the plant shows a tick later
 
     kind: str
     start_s: NotNegative
@@ -177,6 +178,7 @@ class OfWheel(OfAgents):
 class OfSensor(OfAgents):
     """A fault of a sensor."""
 
+    of_readings = True
     sensor: str = "all"
 
     def check(self, parts: Parts) -> None:

@@ -82,6 +82,7 @@ class DropOut(OfSensor):
 class Delay(OfAgents):
     """All readings come later."""
 
+    of_readings = True
     kind: Literal["delay"]
     delay_s: NotNegative
 

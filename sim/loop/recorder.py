@@ -96,8 +96,9 @@ class Recorder:
         """Keep one tick of every estimator; (members, trials, ...)."""
         for index, (estimator, raw) in enumerate(zip(self.estimators, beliefs, strict=True)):
             belief = estimator.summary(raw)
-            for part in ("mean", "nis", "dof"):
-                self.put(f"{index}:{part}", tick, getattr(belief, part)[:, self._keep])
+            self.put(f"{index}:mean", tick, belief.mean[:, self._keep])
+            self.put(f"{index}:nis", tick, _of_what_was_read(belief)[:, self._keep])
+            self.put(f"{index}:dof", tick, belief.dof[:, self._keep])
             self.put(f"{index}:statistic", tick, belief.detection.statistic[:, self._keep])
             self.put(f"{index}:declared", tick, belief.detection.declared[:, self._keep])
             if belief.modes is not None:
@@ -116,7 +117,7 @@ class Recorder:
             means, truths = self._states.setdefault(index, (np.empty((_BLOCK, *belief.mean.shape)), np.empty((_BLOCK, *self._truth.shape))))
             means[tick % _BLOCK], truths[tick % _BLOCK] = belief.mean, self._truth
             for member, name in enumerate(self.estimators[index].names):
-                _put(self._figures, self.ticks, f"{name}/nis", tick, _mean_of_agents(belief.nis[member]))
+                _put(self._figures, self.ticks, f"{name}/nis", tick, _mean_of_agents(_of_what_was_read(belief)[member]))
         if tick % _BLOCK == _BLOCK - 1:
             self._reduce(index, tick + 1)
 
@@ -176,6 +177,11 @@ class Recorder:
         positions = np.arange(len(self.trials))[self._keep].tolist()
         kept = tuple(o._replace(trial=positions.index(o.trial)) for o in occurrences if o.trial in positions)
         return Recording(self.dt, self.trials[self._keep], channels, thresholds, kept, {}, figures, self.trials)
+
+
+def _of_what_was_read(belief: Belief) -> Array:
+    """NIS of a belief, NaN where nothing was read: zero would be a surprise too small; (members, trials, ...)."""
+    return np.where(belief.dof == 0.0, np.nan, belief.nis)
 
 
 def _mean_of_agents(values: Array) -> Array:

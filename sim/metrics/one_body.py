@@ -12,6 +12,7 @@ from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
 from sim.metric import Metric
 from sim.metrics import windows
+from sim.metrics.detection import detections, false_alarms, visible_faults
 from sim.metrics.learned import of_learning, window_flags
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
@@ -87,24 +88,24 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
     rows.append(("attitude_error_deg", phase, "deg", np.degrees(_rms(angle[..., None], flags)[:, 0])))
     for part in ("nees", "nis"):
         rows.append((f"{part}_mean", phase, "1", _mean(_by_trial(recording.channels[f"{name}/{part}"]), flags)))
+    if f"{name}/dof" in recording.channels:
+        nis, dof = (_by_trial(recording.channels[f"{name}/{part}"]) for part in ("nis", "dof"))
+        rows.append(("nis_dof_mean", phase, "1", _mean(np.where(np.isnan(nis), np.nan, dof), flags)))
     limits = recording.thresholds[name]
     if limits is not None:
         ratio = _by_trial(recording.channels[f"{name}/statistic"]) / limits[0]
-        peak = np.max(np.where(flags, ratio, -np.inf), axis=-1)
-        rows.append(("peak_statistic", phase, "1", np.where(np.isfinite(peak), peak, np.nan)))
+        rows.append(("peak_statistic", phase, "1", _greatest(ratio, flags)))
         declared = _by_trial(recording.channels[f"{name}/declared"]).astype(float)
         fault = _by_trial(recording.channels["fault"]).astype(bool)
-        if (flags & ~fault).any():
-            rows.append(("false_alarm_fraction", phase, "1", _mean(declared, flags & ~fault)))
-        if (flags & fault).any():
-            rows.append(("missed_fraction", phase, "1", _mean(1.0 - declared, flags & fault)))
-            rows.append(("detection_delay_s", phase, "s", _detection_delay(recording, name)))
+        rows += _detection(recording, phase, flags, declared.astype(bool), fault)
     if f"{name}/modes" in recording.channels:
         modes = _by_trial(recording.channels[f"{name}/modes"])
         rows.append(("mode_fault_mean", phase, "1", _mean(1.0 - modes[..., 0], flags)))
         healthy = ~_by_trial(recording.channels["fault"]).astype(bool)
         if (flags & healthy).any():
-            rows.append(("false_mode_fraction", phase, "1", _mean((modes[..., 0] < 0.5).astype(float), flags & healthy)))
+            rows.append(
+                ("false_mode_fraction", phase, "1", _mean(np.where(np.isnan(modes[..., 0]), np.nan, modes[..., 0] < 0.5), flags & healthy))
+            )
     if f"{name}/lost" in recording.channels:
         lost = _by_trial(np.diff(recording.channels[f"{name}/lost"], axis=0, prepend=0.0))
         rows.append(("lost_definiteness", phase, "1", np.sum(np.where(flags, lost, 0.0), axis=-1)))
@@ -119,6 +120,7 @@ def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: st
     command, speed = np.abs(_by_trial(recording.channels["command"])), np.abs(truth[..., WHEELS])
     limit = assembly.wheel_torque_limit if assembly.wheel_joints else axis_limit
     saturated = np.any(command >= 0.999 * limit, axis=-1) | np.any(speed > 0.98 * assembly.wheel_speed_limit, axis=-1)
+    known = flags & ~np.isnan(command).any(axis=-1) & ~np.isnan(speed).any(axis=-1)
     absent = np.isnan(reading)
     due = _by_trial(recording.channels["due"]) if "due" in recording.channels else np.True_
     each = _rms(torque, flags)
@@ -127,8 +129,8 @@ def _loop(recording: Recording, assembly: Assembly, axis_limit: float, phase: st
         ("tracking_error_deg", phase, "deg", tracking),
         ("control_effort_rms", phase, "N m", effort),
         *((f"effort_rms_{axis}", phase, "N m", each[:, i]) for i, axis in enumerate("xyz")),
-        ("peak_wheel_speed", phase, "rad/s", np.max(np.where(flags, np.max(speed, axis=-1, initial=0.0), 0.0), axis=-1)),
-        ("saturated_time_s", phase, "s", recording.dt * np.sum(saturated & flags, axis=-1)),
+        ("peak_wheel_speed", phase, "rad/s", _greatest(np.max(speed, axis=-1, initial=0.0), flags)),
+        ("saturated_time_s", phase, "s", np.where(known.any(axis=-1), recording.dt * np.sum(saturated & known, axis=-1), np.nan)),
         ("missing_readings", phase, "1", np.sum(np.any(absent & due, axis=-1) & flags, axis=-1).astype(float)),
         ("incomplete_readings", phase, "1", np.sum(np.any(absent, axis=-1) & flags, axis=-1).astype(float)),
     ]
@@ -146,17 +148,39 @@ def _euler_angles(recording: Recording, phase: str, flags: Flags, truth: Array) 
     ]
 
 
-def _detection_delay(recording: Recording, name: str) -> Array:
-    """Mean over a trial's faults of the time from onset to the first declaration before the next onset, NaN if there is none."""
-    declared = _by_trial(recording.channels[f"{name}/declared"]).astype(bool)
-    delays: list[list[float]] = [[] for _ in recording.trials]
-    onsets = sorted((o.trial, o.start_tick) for o in recording.occurrences)
-    for (trial, start), following in zip(onsets, [*onsets[1:], (-1, 0)], strict=True):
-        stop = following[1] if following[0] == trial else recording.ticks
-        hits = np.flatnonzero(declared[trial, start:stop])
-        if len(hits):
-            delays[trial].append(recording.dt * float(hits[0]))
-    return np.array([np.mean(d) if d else np.nan for d in delays])
+def _detection(recording: Recording, phase: str, flags: Flags, declared: Flags, fault: Flags) -> list[Row]:
+    """Alarms against the faults that begin in a phase, and against its ticks; `declared` and `fault` are (trials, ticks)."""
+    visible = visible_faults(fault, recording.occurrences)
+    clear, found = flags & ~fault & ~visible, detections(declared, recording.occurrences)
+    rows: list[Row] = []
+    if clear.any():
+        rows.append(("false_alarm_fraction", phase, "1", _mean(declared.astype(float), clear)))
+        raised = np.sum(false_alarms(declared, clear, found), axis=-1).astype(float)
+        rows.append(("false_alarms", phase, "1", np.where(clear.any(axis=-1), raised, np.nan)))
+    if (flags & visible).any():
+        rows.append(("silent_fraction", phase, "1", _mean(1.0 - declared, flags & visible)))
+    here = flags[found.trial, found.start]
+
+    def count(which: Flags, weight: Array | None = None) -> Array:
+        """Of events in this phase, or the sum of their weights, trial by trial."""
+        own = which & here
+        return np.bincount(found.trial[own], None if weight is None else weight[own], len(flags)).astype(float)
+
+    if not here.any():
+        return rows
+    hits, misses = count(found.detected), count(found.missed)
+    judged = hits + misses
+    delay = recording.dt * found.delay
+    return [
+        *rows,
+        ("faults", phase, "1", count(np.ones_like(here))),
+        ("faults_detected", phase, "1", hits),
+        ("faults_missed", phase, "1", misses),
+        ("faults_already_alarmed", phase, "1", count(found.standing)),
+        ("missed_fraction", phase, "1", misses / np.where(judged, judged, np.nan)),
+        ("detection_delay_s", phase, "s", count(found.detected, delay) / np.where(hits, hits, np.nan)),
+        ("missed_watch_s", phase, "s", count(found.missed, delay) / np.where(misses, misses, np.nan)),
+    ]
 
 
 def _by_trial(channel: Array) -> Array:
@@ -176,6 +200,12 @@ def _rms(values: Array, flags: Flags) -> Array:
     squares = np.ascontiguousarray(np.swapaxes(np.where(use, values, 0.0) ** 2, 1, 2))
     count = np.sum(use, axis=1)
     return np.sqrt(np.sum(squares, axis=-1) / np.where(count, count, np.nan))
+
+
+def _greatest(values: Array, flags: Flags) -> Array:
+    """Greatest over flagged ticks with a number; (trials, ticks) to (trials,), NaN where there is none."""
+    use = flags & ~np.isnan(values)
+    return np.where(use.any(axis=-1), np.max(np.where(use, values, -np.inf), axis=-1), np.nan)
 
 
 def _mean(values: Array, flags: Flags) -> Array:

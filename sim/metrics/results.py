@@ -19,14 +19,14 @@ from sim.processor import described, processor
 
 
 class Row(NamedTuple):
-    """A metric over trials; trials to which it does not apply are left out."""
+    """A metric over trials; trials to which it does not apply are left out. One trial has no standard deviation."""
 
     subject: str
     metric: str
     phase: str
     unit: str
     mean: float
-    std: float
+    std: float | None
     min: float
     max: float
     n: int
@@ -38,7 +38,7 @@ def rows(metrics: list[Metric]) -> list[Row]:
     for metric in metrics:
         values = metric.values[np.isfinite(metric.values)]
         if len(values):
-            std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+            std = float(np.std(values, ddof=1)) if len(values) > 1 else None
             out.append(Row(*metric.key, float(np.mean(values)), std, float(values.min()), float(values.max()), len(values)))
     return out
 

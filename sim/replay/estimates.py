@@ -38,6 +38,8 @@ def estimates(replayed: Replayed) -> pa.Table:
             columns |= {f"{before}{key}": mean[:, agent, i] for i, key in enumerate(layout.names[: mean.shape[-1]])}
             columns |= {f"{before}sigma_{key}": sigma[:, agent, i] for i, key in enumerate(error_names(layout)[: sigma.shape[-1]])}
             columns |= {f"{before}{part}": flat(f"{name}/{part}")[:, agent, 0] for part in STATISTICS}
+            if recording.thresholds[name] is None:  # a filter without a detector says nothing about faults, not that there is none
+                columns[f"{before}declared"] = pa.nulls(ticks * trials, pa.bool_())
         tables.append(pa.table(columns))
     return pa.concat_tables(tables, promote_options="default")
 

@@ -47,9 +47,8 @@ def _of_agents(one: Replayed, scenario: Any) -> list[Metric]:  # noqa: ARG001
     rate = one.layout.places.get("velocity", SIGMA_RATE)
     for name in one.recording.observers:
         wrong = channels[f"{name}/mean"] - channels["truth/state"]
-        values = {"nees_mean": channels[f"{name}/nees"], "nis_mean": channels[f"{name}/nis"]}
-        there = np.isfinite(channels[f"{name}/nis"]) & (channels[f"{name}/dof"] > 0.0)
-        values["nis_dof_mean"] = np.where(there, channels[f"{name}/dof"], np.nan)
+        nis, dof = channels[f"{name}/nis"], channels[f"{name}/dof"]
+        values = {"nees_mean": channels[f"{name}/nees"], "nis_mean": nis, "nis_dof_mean": np.where(np.isnan(nis), np.nan, dof)}
         out += [Metric(name, metric, "all", "1", mean_of_numbers(_by_trial(array))) for metric, array in values.items()]
         squares = {"rms_velocity_error": np.sum(wrong[..., rate] ** 2, axis=-1)}
         if "position" in one.layout.places:

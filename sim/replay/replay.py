@@ -111,7 +111,9 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
     )
     recording = _of_the_log(run(system), written, own)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
-    return Replayed(log.loop, recording, {name: _seen(part, written.reading) for name, part in taken.items()}, columns.layout)
+    return Replayed(
+        log.loop, recording, {name: _seen(part, written.reading, columns.layout) for name, part in taken.items()}, columns.layout
+    )
 
 
 def _of_the_log(recording: Recording, log: FlightLog, own: NDArray[np.bool_]) -> Recording:
@@ -133,14 +135,18 @@ def _occurrences(fault: NDArray[np.bool_]) -> tuple[Occurrence, ...]:
     )
 
 
-def _seen(innovation: Array, reading: Array) -> Array:
-    """Innovations (ticks, trials, ..., e) with NaN where nothing was read or, at the start, nothing predicted."""
+def _seen(innovation: Array, reading: Array, layout: StateLayout) -> Array:
+    """Innovations (ticks, trials, ..., e) with NaN where nothing was read or, at the start, nothing predicted.
+
+    A quaternion of which a component is missing is no attitude: filters leave out all of it.
+    """
     missing = np.isnan(reading)
+    if layout.errors < layout.size:
+        missing[..., ATTITUDE] = missing[..., ATTITUDE].any(axis=-1, keepdims=True)
     missing[0] = True
     size, read = innovation.shape[-1], reading.shape[-1]
-    if size < read and size in (6, read - 1):  # a rotation vector is missing if any of the quaternion is; wheel speeds may be no states
-        turned = np.repeat(missing[..., ATTITUDE].any(axis=-1, keepdims=True), 3, axis=-1)
-        missing = np.concatenate([turned, missing[..., 4:]], axis=-1)
+    if size < read and size in (6, read - 1):  # a rotation vector; wheel speeds may be no states
+        missing = missing[..., 1:]
     if size > read:
         missing = np.concatenate([missing, np.ones((*missing.shape[:-1], size - read), dtype=bool)], axis=-1)
     return np.where(missing[..., :size], np.nan, innovation)
@@ -156,16 +162,10 @@ class Consistency(NamedTuple):
 def judge(replayed: Replayed, name: str) -> Consistency:
     """Chi-square test of a filter's NIS, and whiteness of its innovations.
 
-    A unit quaternion has three degrees of freedom, whatever the filter's coordinates; missing components have none.
+    The degrees of freedom are those of what was read at each tick, as the filter counts them.
     """
     channels, innovation = replayed.recording.channels, replayed.innovation[name]
-    nis = channels[f"{name}/nis"]
-    there = ~np.isnan(innovation)
-    there[0] = True
-    dof = np.sum(there, axis=-1)
-    if innovation.shape[-1] > replayed.layout.errors:  # a quaternion by components
-        whole = there[..., ATTITUDE].all(axis=-1)
-        dof = 3 * whole + np.sum(there[..., 4:], axis=-1)
+    nis, dof = channels[f"{name}/nis"], np.nan_to_num(channels[f"{name}/dof"])
     many = nis.reshape(len(nis), -1), dof.reshape(len(dof), -1), innovation.reshape(len(nis), -1, innovation.shape[-1])
     test = average_test(many[0], many[1], axis=1)
     return Consistency(test.fraction_inside, whiteness(np.swapaxes(many[2], 0, 1), LAGS).fraction_inside)

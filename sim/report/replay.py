@@ -77,16 +77,21 @@ def _smooth(values: Array, recording: Recording) -> Array:
 
 
 def _nis(axes: Axes, recording: Recording, get: dict[str, Array]) -> None:
-    agents, dof = 1, 0.0
+    """NIS over the band of its own degrees of freedom, those of what was read, of the filter that compares the most."""
+    bands: dict[float, tuple[Array, Array]] = {}
     for name in recording.observers:
-        nis = get[f"{name}/nis"].reshape(recording.ticks, -1)
-        if np.isfinite(nis).any():
-            agents, dof = nis.shape[-1], max(dof, float(np.nanmax(get[f"{name}/dof"])))
-            axes.semilogy(recording.time, _smooth(np.sqrt(np.mean(nis, axis=-1)), recording) ** 2, **_line(recording, name))
-    if get["reading"].ndim == 2:
-        dof = get["reading"].shape[-1] - 1  # a unit quaternion has three degrees of freedom
-    low, high = average_bounds(dof, agents * max(1, round(SMOOTHING_S / recording.dt))) if dof else (np.nan, np.nan)
-    axes.axhspan(float(low), float(high), color="#8a8f98", alpha=0.25, lw=0)
+        nis, dof = (get[f"{name}/{part}"].reshape(recording.ticks, -1) for part in ("nis", "dof"))
+        there = np.isfinite(nis)
+        if there.any():
+            count = np.sum(there, axis=-1)
+            mean, freedom = (
+                np.where(count, np.sum(np.where(there, part, 0.0), axis=-1) / np.maximum(count, 1), np.nan) for part in (nis, dof)
+            )
+            axes.semilogy(recording.time, _smooth(np.sqrt(mean), recording) ** 2, **_line(recording, name))
+            width = nis.shape[-1] * max(1, round(SMOOTHING_S / recording.dt))
+            bands[float(np.nanmean(freedom))] = average_bounds(_smooth(np.sqrt(freedom), recording) ** 2, width)
+    if bands:
+        axes.fill_between(recording.time, *bands[max(bands)], color="#8a8f98", alpha=0.25, lw=0)
     axes.set(title=f"NIS (mean over {SMOOTHING_S:g} s); grey: 95 % of a consistent filter's", ylabel="[-]")
 
 

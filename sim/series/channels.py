@@ -101,17 +101,26 @@ def curves(recording: Recording, truth: Diagnostics, assembly: Assembly, shown: 
             modes = get[f"{name}/modes"]
             shades = (REFERENCE, *(wheel(i) for i in range(modes.shape[-1] - 1)))
             yield Curve(f"modes/{part}", tuple(f"mode {i + 1} [-]" for i in range(modes.shape[-1])), shades, modes)
-    size = get[f"{shown}/mean"].shape[-1] if shown else state.shape[-1]
-    read = innovation_size(recording, shown) if shown else size
-    for name, dof in (("nis", read), ("nees", size - 1)):  # the quaternion has a component too many
-        limits = chi2.ppf([0.025, 0.975], dof)
-        bounds = (f"2.5 % of chi-square, {dof:.0f} dof [-]", f"97.5 % of chi-square, {dof:.0f} dof [-]")
-        yield Curve(f"consistency/{name}_band", bounds, (REFERENCE,) * 2, np.tile(limits, (len(state), 1)), 1.0)
+    errors = (get[f"{shown}/mean"].shape[-1] if shown else state.shape[-1]) - 1  # the quaternion has a component too many
+    complete = np.full(len(state), float(errors))
+    for name, dof in (("nis", get[f"{shown}/dof"] if shown else complete), ("nees", complete)):
+        yield Curve(f"consistency/{name}_band", *chi_square_band(dof))
 
 
-def innovation_size(recording: Recording, observer: str) -> int:
-    """Degrees of freedom of an observer's NIS while nothing is missing."""
-    return int(np.nanmax(recording.channels[f"{observer}/dof"], initial=0.0)) or recording.channels[f"{observer}/mean"].shape[-1]
+def chi_square_band(dof: Array) -> tuple[tuple[str, str], tuple[Colour, Colour], Array, float]:
+    """Names, colours, limits (ticks, 2) and width of the 95 % band of a NIS or NEES with `dof` (ticks,) degrees of freedom.
+
+    NIS has those of what was read at a tick; where nothing was read there is no band.
+    """
+    known = dof[dof > 0.0]
+    said = f"{known.max():.0f} dof" + ("" if np.ptp(known) == 0.0 else ", fewer where readings are missing") if len(known) else "no dof"
+    limits = chi2.ppf([0.025, 0.975], np.where(dof > 0.0, dof, np.nan)[:, None])
+    return (f"2.5 % of chi-square, {said} [-]", f"97.5 % of chi-square, {said} [-]"), (REFERENCE,) * 2, limits, 1.0
+
+
+def degrees_of_freedom(recording: Recording, observer: str) -> int:
+    """Of an observer's NIS while nothing is missing; zero if it never says."""
+    return int(np.max(np.nan_to_num(recording.channels[f"{observer}/dof"]), initial=0.0))
 
 
 def hybrids(thresholds: dict[str, tuple[float, float] | None]) -> tuple[str, ...]:

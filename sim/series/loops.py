@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.stats import chi2
 
 from control.gain_blending import blend
 from models.attitude import quaternion
@@ -19,7 +18,7 @@ from sim.estimators.settings import WheelMode
 from sim.loop.recording import Recording
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
-from sim.series.channels import Curve, innovation_size
+from sim.series.channels import Curve, chi_square_band, degrees_of_freedom
 from sim.series.line_styles import LineStyle, line_styles
 from sim.series.palette import REFERENCE, wheel
 from sim.units import RPM
@@ -198,10 +197,9 @@ def curves(several: tuple[Flight, ...], restarts: list[int], smooth: int) -> Ite
         "estimation/ess", "particles", {f: moving_mean(f.channel(f"{f.closing}/ess"), smooth) for f in with_particles(several)}
     )
     yield from _among("estimation/nis", "-", {f: f.channel(f"{f.closing}/nis") for f in closed}, dots=True)
-    for dof in sorted({innovation_size(f.recording, f.closing) for f in closed if f.closing}):
-        names = tuple(f"{share} % of chi-square, {dof} dof [-]" for share in ("2.5", "97.5"))
-        limits = np.tile(chi2.ppf([0.025, 0.975], dof), (several[0].recording.ticks, 1))
-        yield Curve(f"estimation/nis_band/{dof}", names, (REFERENCE,) * 2, limits, 1.0)
+    bands = {degrees_of_freedom(f.recording, f.closing): f.channel(f"{f.closing}/dof") for f in closed if f.closing}
+    for dof, each in sorted(bands.items()):
+        yield Curve(f"estimation/nis_band/{dof}", *chi_square_band(each))
 
 
 def _among(path: str, unit: str, lines: dict[Flight, Array], dots: bool = False, aggregation: str | None = None) -> Iterator[Curve]:

@@ -76,6 +76,7 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
     several = sorted(set(dof.values()), reverse=True)
     bands = {n: "{:.2f} .. {:.2f}".format(*average_bounds(n, trials)) for n in several}
     complete = not found.get(("loop", "incomplete_readings"), 0.0)
+    beside = not complete and any((name, "nis_dof_mean") in found for name in names)  # each NIS beside the dof of what was read
     caption = f"means over {counted(trials, 'trial')}"
     if several:
         what = "NEES and NIS" if complete else "NEES, and NIS of complete readings,"
@@ -87,7 +88,9 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
         table.add_column("dof", justify="right", no_wrap=True)
     for metric, name, _ in _ESTIMATORS:
         heading = name
-        if metric in ("nees_mean", "nis_mean") and len(several) == 1:
+        if metric == "nis_mean" and beside:
+            heading += "\n(dof)"
+        elif metric in ("nees_mean", "nis_mean") and len(several) == 1:
             heading += f"\n{'' if complete or metric == 'nees_mean' else '<= '}{several[0]}\ndof"
         table.add_column(heading, justify="right", no_wrap=True)
         if published and metric == "rmse_residual_total":
@@ -96,7 +99,8 @@ def estimators(rows: list[Row], observers: Iterable[str], published: Published |
         cells = [str(dof[name])] if len(several) > 1 else []
         for metric, _, factor in _ESTIMATORS:
             value = found.get((name, metric))
-            cells.append(number(None if value is None else factor * value))
+            read = found.get((name, "nis_dof_mean")) if beside and metric == "nis_mean" else None
+            cells.append(number(None if value is None else factor * value) + (f" ({number(read)})" if read is not None else ""))
             if published and metric == "rmse_residual_total":
                 printed = published.values.get(name, {}).get(metric)
                 cells.append(number(None if printed is None else factor * printed))
@@ -138,16 +142,24 @@ def campaign(rows: list[dict[str, Any]], point: dict[str, Any]) -> Table:
     table = plain_table("Over the trials" + (f" at {settings}" if settings else ""), _campaign_caption(point))
     table.add_column("filter", no_wrap=True)
     table.add_column("metric", no_wrap=True)
-    for heading in ("mean", "95 % of the mean", "5 %", "median", "95 %"):
+    for heading in ("n", "mean", "95 % of the mean", "5 %", "median", "95 %"):
         table.add_column(heading, justify="right")
     for row in rows:
         if row["phase"] == "all" and row["metric"] in _CAMPAIGN:
             name, factor = _CAMPAIGN[row["metric"]]
-            interval = f"{number(factor * row['mean_low'])} .. {number(factor * row['mean_high'])}"
-            table.add_row(
-                row["subject"], name, *(number(factor * row["mean"]), interval), *(number(factor * row[q]) for q in ("q05", "q50", "q95"))
-            )
+            low, high = row["mean_low"], row["mean_high"]
+            interval = number(None) if low is None else f"{number(factor * low)} .. {number(factor * high)}"
+            spread = (number(factor * row[q]) for q in ("q05", "q50", "q95"))
+            table.add_row(row["subject"], name, str(row["n"]), number(factor * row["mean"]), interval, *spread)
     return table
+
+
+def detected(found: dict[str, Any]) -> str:
+    """How many faults were found, and how fast: delays that nobody saw the end of count as longer."""
+    median = found["median_delay_s"]
+    said = f"{found['faults_detected']} of {found['faults']} faults detected"
+    said += f", {found['faults_missed']} missed, {found['faults_already_alarmed']} with an alarm that already stood"
+    return f"{said}; median delay {number(median)} s" if median is not None else said
 
 
 def _campaign_caption(point: dict[str, Any]) -> str:
@@ -155,6 +167,7 @@ def _campaign_caption(point: dict[str, Any]) -> str:
         f"{d['who']} in {d['metric']}: {100 * d['share']:.1f} % of {d['n']} trials ({100 * d['low']:.1f} .. {100 * d['high']:.1f})"
         for d in point["beats_both"]
     ]
+    lines += [f"{name}: {detected(found)}" for name, found in point["detection"].items() if found["faults"]]
     lines += [f"worst of {name}: trials {', '.join(str(trial) for trial, _ in found)}" for name, found in point["worst"].items() if found]
     if point["failed_trials"]:
         lines.append(f"failed: trials {', '.join(map(str, point['failed_trials'][:10]))}")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.gaussian import Belief, Detection, LostDefiniteness
 from estimation.state_space import Additive, StateSpace
+from models.dynamics.state_layout import StateLayout
 from sim.parts import Flags, Thresholds
 from sim.user_code.rehearsal import TRIALS, readings, same_whatever_the_batch
 from sim.user_code.surroundings import Surroundings
@@ -134,8 +135,10 @@ class UserFilter:
             which = int(np.argwhere(~np.isfinite(mean).all(axis=-1))[0, 0])
             raise self.source.complaint(method, f"mean is not finite at tick {tick} (row {which} of {lead[0]}); a missing reading is NaN")
         e = layout.size if isinstance(self.space, Additive) else layout.errors
-        read = np.sum(~np.isnan(measurement), axis=-1, dtype=float)
+        read = _degrees_of_freedom(measurement, layout)
         statistic, declared = self._part(own, "statistic", lead, method), self._part(own, "declared", lead, method, 0.0)
+        if np.isnan(declared).any():
+            raise self.source.complaint(method, f"declared has no number at tick {tick}; needs true or false, or leave it out altogether")
         told = Belief(
             mean=mean[None],
             covariance=self._part(own, "covariance", (*lead, e, e), method)[None],
@@ -162,6 +165,15 @@ class UserFilter:
         if array.shape != shape:
             raise self.source.complaint(method, f"{name} has shape {_shape(value)}, needs {shape} of numbers")
         return array
+
+
+def _degrees_of_freedom(measurement: Array, layout: StateLayout) -> Array:
+    """Of a reading (..., n) of states: its components, those of a whole unit quaternion counting three and of a part of one none."""
+    known, dof = ~np.isnan(measurement), np.zeros(measurement.shape[:-1])
+    for block in layout.blocks:
+        own = known[..., layout.places[block.kind]]
+        dof += np.where(own.all(axis=-1), block.errors, 0 if block.errors < len(block.names) else np.sum(own, axis=-1))
+    return dof
 
 
 def _never_read(place: Surroundings, states: Array) -> Array:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from sim.campaign.settings import Campaign
-from sim.campaign.summary import Distribution
+from sim.campaign.summary import BESIDE, Distribution
 from sim.report.campaign.panels import legend, panels
 from sim.series.palette import on_light
 from sim.text.table_style import counted, number, plain_table
@@ -30,7 +30,7 @@ def outliers(found: Distribution) -> list[tuple[int, float]]:
 def kept(found: list[Distribution]) -> list[Distribution]:
     """What was measured, not what was drawn, metric by metric."""
     measured = [d for d in found if d.subject not in ("draw", "loop") or d.metric == "failed"]
-    return sorted((d for d in measured if d.metric != "failed"), key=lambda d: (d.metric, d.subject, d.phase))
+    return sorted((d for d in measured if d.metric not in ("failed", *BESIDE)), key=lambda d: (d.metric, d.subject, d.phase))
 
 
 def write_report(path: Path, campaign: Campaign, found: list[Distribution]) -> None:

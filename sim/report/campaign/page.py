@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from sim.campaign.settings import Campaign
-from sim.campaign.summary import Distribution, beats_both_by_trial
+from sim.campaign.summary import Distribution, beats_both_by_trial, mean_interval, watched
+from sim.metrics.detection import detected_by
 from sim.report.campaign.panels import legend
 from sim.series.palette import on_light
 from sim.series.picture_style import STYLE
@@ -84,25 +84,27 @@ def _who_wins(axes: Axes, campaign: Campaign, found: list[Distribution]) -> None
             strength[key] = float(np.ptp(share)), share
     for key, (_, share) in sorted(strength.items(), key=lambda item: -item[1][0])[:SHOWN]:
         axes.plot(np.arange(5, 100, 10), 100.0 * share, marker="o", ms=3, lw=1.2, label=key.partition(".")[2])
-    interval = binomtest(int(wins.sum()), len(wins)).proportion_ci()
-    axes.axhspan(100 * interval.low, 100 * interval.high, color="#1b4f9c", alpha=0.15, lw=0)
+    low, high, _ = mean_interval(wins.astype(float), 0, of_share=True)
+    if low is not None and high is not None:
+        axes.axhspan(100 * low, 100 * high, color="#1b4f9c", alpha=0.15, lw=0)
     axes.axhline(100 * wins.mean(), color="#1b4f9c", lw=1.0, ls="--", label=f"all: {100 * wins.mean():.1f} %")
     axes.set_ylim(min(90.0, axes.get_ylim()[0]), 101.0)
     legend(axes, loc="lower left", ncols=2)
 
 
 def _delays(axes: Axes, found: list[Distribution]) -> None:
-    """Distribution functions of the detection delay; trials without a detection never arrive."""
-    total = max((len(d.values) for d in found if (d.subject, d.metric) == ("loop", "failed")), default=1)
-    for d in found:
-        if (d.metric, d.phase) == ("detection_delay_s", "all"):
-            values = np.sort(d.values)
-            axes.step(
-                np.maximum(values, 0.05), 100.0 * np.arange(1, len(values) + 1) / total, color=_color(d.subject), label=d.subject, lw=1.5
-            )
-    axes.set(title="Detection delay", xlabel="delay [s]", ylabel="trials that have declared [%]", xscale="log", ylim=(0, 101))
-    axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-    legend(axes, loc="lower right")
+    """Share of the faults that were detected by a time; a fault with an alarm that already stood is none that could be, and is named."""
+    for subject in dict.fromkeys(d.subject for d in found if (d.metric, d.phase) == ("detection_delay_s", "all")):
+        seen = watched(found, subject)
+        time, share = detected_by(seen.delay, seen.detected)
+        before, total = seen.counts["faults_already_alarmed"], seen.counts["faults"]
+        said = f" ({100.0 * before / total:.0f} % already alarmed)" if total else ""
+        axes.step(time, 100.0 * share, where="post", color=_color(subject), label=f"{subject}{said}", lw=1.5)
+    axes.set(title="Detection delay", xlabel="delay [s]", ylabel="faults detected, of those without an alarm before [%]", ylim=(0, 101))
+    if axes.lines:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(mpl.ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+        legend(axes, loc="lower right")
 
 
 def _characteristic(axes: Axes, point: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from rich.table import Table
 
 from sim.campaign.settings import Campaign
+from sim.campaign.summary import BESIDE
 from sim.report.campaign.panels import legend, panels
 from sim.series.palette import LOOP_VARIANTS
 from sim.text.table_style import counted, number, plain_table
@@ -67,7 +68,7 @@ def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row
     def key(row: Row) -> tuple[str, str, str]:
         return row["metric"], row["phase"], row["unit"]
 
-    measured = [row for row in rows if row["metric"] != "failed"]
+    measured = [row for row in rows if row["metric"] not in ("failed", *BESIDE)]
     for what, some in groupby(sorted(measured, key=key), key=key):
         yield what, list(some)
 
