@@ -41,6 +41,19 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     return call
 
 
+LONGEST = (
+    "test_wmap.py",
+    "test_antenna.py",
+    "test_scenarios.py",
+    "test_feature_matrix.py",
+)  # begun first, so that no worker is left with one
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first; the order within a file stays."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+
+
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Pictures that are written while the test runs."""

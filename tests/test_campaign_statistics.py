@@ -67,7 +67,7 @@ def test_one_trial_has_neither_interval_nor_deviation() -> None:
     assert (lost["mean_low"], lost["mean_high"], lost["mean_interval"]) == (0.0, pytest.approx(0.975), "Clopper-Pearson")
     said = {"point": 0, "settings": {}, "beats_both": [], "worst": {}, "failed_trials": [], "detection": {}}
     shown = tables.campaign([row], said)
-    assert [next(iter(column.cells)) for column in shown.columns][2:5] == ["1", "3", "[dim]-[/]"]
+    assert [next(iter(column.cells)) for column in shown.columns][2:5] == ["1", "3", "-"]
 
 
 def test_faults_of_all_trials_are_counted_and_those_missed_delay_longer() -> None:

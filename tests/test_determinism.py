@@ -51,8 +51,10 @@ def test_no_metric_depends_on_the_workers(nacs, tmp_path) -> None:
         for key, value in SHORT.items():
             arguments += ["--set", f"{key}={value}"]
         assert nacs(*arguments).code == 0
-        tables.append(pq.read_table(tmp_path / f"w{workers}" / "trials.parquet"))
-    assert tables[0].equals(tables[1])
+        tables.append(pq.read_table(tmp_path / f"w{workers}" / "trials.parquet").to_pydict())
+    assert tables[0].keys() == tables[1].keys()
+    for name, column in tables[0].items():
+        np.testing.assert_array_equal(column, tables[1][name], err_msg=name)  # a metric that a trial has not is NaN in both
 
 
 def test_one_trial_run_alone_gives_its_metrics(nacs, tmp_path) -> None:

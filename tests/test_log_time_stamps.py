@@ -52,7 +52,8 @@ def test_each_step_is_over_its_own_interval(tmp_path: Path) -> None:
     """The very numbers that the filter gives when it is stepped by hand; and a spin that is followed to rounding."""
     time = jitter(200)
     log, channels = estimate(spinning(time, tmp_path / "log.parquet"))
-    (filter_,) = build_estimators(choose(SCENARIO, {}, "loop", ["mekf"])[0], np.zeros(1, np.int64), UserCode(), "loop")
+    ticking = SCENARIO.model_copy(update={"run": SCENARIO.run.model_copy(update={"tick_s": log.dt})})
+    (filter_,) = build_estimators(choose(ticking, {}, "loop", ["mekf"])[0], np.zeros(1, np.int64), UserCode(), "loop")
     belief = filter_.initial(log.reading[0])
     known = np.zeros((1, 8))
     for row in np.arange(1, 200):
@@ -88,7 +89,9 @@ def test_a_gap_is_prediction(tmp_path: Path) -> None:
                    choose(SCENARIO, {}, "loop", ["mekf"])[0], UserCode()).recording.channels  # fmt: skip
     np.testing.assert_allclose(channels["mekf/sigma"][50], flown["mekf/sigma"][56], rtol=1e-12)
     np.testing.assert_allclose(channels["mekf/sigma"][51:], flown["mekf/sigma"][57:], rtol=1e-12)
-    assert (channels["mekf/sigma"][50] > 1.2 * same["mekf/sigma"][56]).all()
+    grown = channels["mekf/sigma"][50] / same["mekf/sigma"][56]
+    assert (grown[:, :6] > 1.2).all()
+    assert (grown[:, 6:] > 1.0).all()  # wheels that stand still stick, so that nothing adds up
 
 
 def test_a_row_that_comes_twice_is_taken_once_and_said(nacs, tmp_path: Path) -> None:

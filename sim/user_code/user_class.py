@@ -90,9 +90,8 @@ class UserClass:
 
 
 def words_of(wrong: BaseException) -> str:
-    """First line of what an exception says of itself, if it can."""
+    """What an exception says of itself, if it can, as one line of at most 300 characters."""
     try:
-        said = str(wrong).splitlines()
+        return " ".join(str(wrong).split())[:300]
     except Exception:  # the user's own class may be unable to
         return ""
-    return said[0] if said else ""
