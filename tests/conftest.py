@@ -46,7 +46,7 @@ LONGEST = (
     "test_antenna.py",
     "test_scenarios.py",
     "test_feature_matrix.py",
-)  # begun first, so that no worker is left with one
+)  # begun first
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

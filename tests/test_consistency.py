@@ -124,3 +124,22 @@ def test_white_noise_is_white_and_an_autoregression_is_not() -> None:
     found = whiteness(coloured, 3)
     np.testing.assert_allclose(found.correlation.mean(axis=(0, 2)), [0.3, 0.09, 0.027], atol=0.015)
     assert np.mean(np.abs(found.correlation[:, 0]) > found.bound[:, 0]) > 0.99
+
+
+@pytest.mark.parametrize("tick_s", [0.02, 0.05, 0.2])
+def test_the_consistent_set_is_consistent_at_other_periods(tick_s: float) -> None:
+    """Means over 10 trials and 150 ticks; with the noise of a tick of 0.1 s added as it is they were 6.7, 7.5 and 18.4."""
+    observers = {"mekf": {"type": "mekf"}, "ekf": {"type": "ekf"}}
+    settings = {"run.ticks": 180, "run.tick_s": tick_s, "run.seed": 4242, "observers": observers, "control.feedback": "mekf"}
+    recording = run(build(load("nacs/fault-free", settings), np.arange(10)))
+    for name in observers:
+        assert 9.0 < np.mean(recording.channels[f"{name}/nees"][30:]) < 11.2
+        assert 9.0 < np.mean(recording.channels[f"{name}/nis"][30:]) < 11.5
+
+
+def test_a_set_of_a_paper_says_which_tick_it_is_meant_for() -> None:
+    usual, slower = (load("nacs/fault-free", {"tuning": "paper", "run.tick_s": tick_s}) for tick_s in (0.1, 0.2))
+    assert not usual.warnings()
+    said = [line for line in slower.warnings() if "tuning" in line]
+    assert len(said) == 5
+    assert said[0] == "observers.ekf.tuning: its noises are those of a tick of 0.1 s and are added at every tick of 0.2 s as they are"
