@@ -9,7 +9,7 @@ from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.blocks import TRIALS_PER_BLOCK
 
-# Least that was seen, on a processor of 2020: of a trial, its control tick in a loop, its physics step, and a particle's step
+# Rough lower bounds, well below what any processor took: of a trial, its control tick in a loop, its physics step, and a particle's step
 TICK_S, STEP_S, PARTICLE_S = 1e-5, 1e-6, 1e-7
 RECORD_B, BELIEF_B = 700.0, 190.0  # of a trial's tick, and of an observer in it
 TRIAL_B = 5000.0  # metrics of a trial, kept until all are written
