@@ -105,7 +105,7 @@ def campaign(
             store.begin(running.processors(), mixed)
             todo, damaged = store.missing(jobs)
             if damaged:
-                err.print(f"{damaged} shard{'s are' if damaged > 1 else ' is'} damaged and flown again")
+                err.print(f"warning: {damaged} shard{'s are' if damaged > 1 else ' is'} damaged and flown again", style="yellow")
             ended = _fly(todo, store, running, mixed)
     except NotWritten as refused:
         err.print(f"error: {refused}", style="red", markup=False)

@@ -90,7 +90,7 @@ def replay(
     _check_plausible(log, blocks, scenario, trust)
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
     for note in (note for block in blocks for note in block.notes):
-        err.print(f"note: {note}", style="yellow", markup=False)
+        err.print(f"warning: {note}", style="yellow")
     started = time.perf_counter()
     replayed, stopped = list[Replayed](), False
     try:
