@@ -33,6 +33,7 @@ SETTINGS = [
     ("faults=[{start_s=1}]", ["faults.0: needs a kind"]),
     ("faults=['float']", ["faults.0: must be a table (got 'float')"]),
     ("reference={type='sine'}", ["reference: no type is called 'sine'; there are sinusoid, hold"]),
+    ("tuning.torque_correlation_s=-1", ["tuning.process_noise: is missing"]),
     ("observers.ekf=3", ["observers.ekf: must be a table (got 3)"]),
     ("plant.kind='nacs'", ["plant.kind: unknown key; kind belongs elsewhere"]),
     ("run.trials='ten'", ["run.trials: must be a whole number (got 'ten')"]),
@@ -121,3 +122,15 @@ def test_a_users_own_file_works_by_path(nacs, tmp_path: Path) -> None:
     result = nacs("run", "mine.toml")
     assert result.code == 0, result.err
     assert (tmp_path / "runs" / "mine" / "summary.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("plant.agents=0", "plant.agents: must be greater than or equal to 1 (got 0)"),
+        ("plant.h1=[]", "plant.h1: needs 1 value or more (got [])"),
+    ],
+)
+def test_a_key_that_is_called_as_its_section_s_type_is_named(nacs, setting: str, said: str) -> None:
+    result = nacs("run", "consensus/fault-free", "--set", setting)
+    assert (result.code, result.err) == (2, f"error: consensus/fault-free.toml: {said}\n")

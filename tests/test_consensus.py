@@ -274,6 +274,7 @@ def test_the_files_of_the_chapter_are_complete(name):
         ({"faults": [{"kind": "command", "start_s": 3.0, "end_s": 2.0}]}, "faults.0"),
         ({"graph": {"links": [[1, 2, 0.7]]}}, "no path leads from the leader"),
         ({"graph": {"links": [[1, 7, 0.7]]}}, "no agent 7"),
+        ({"graph": {"one_way": [[1, 1, 0.7]]}}, "agent 1 is linked to itself"),
     ],
 )
 def test_what_cannot_be_flown_is_refused(change, said):

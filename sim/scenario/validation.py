@@ -21,7 +21,7 @@ _SHAPES = {
 
 def first_error(invalid: ValidationError, data: dict[str, Any], model: type[BaseModel]) -> str:
     """One line on the first key of `data` that is wrong for `model`; where a value may be of several kinds, what each would need."""
-    errors = invalid.errors()
+    errors = sorted(invalid.errors(), key=lambda error: error["type"] == "string_type" and isinstance(error["input"], dict))
     key = ".".join(_path_in_file(errors[0]["loc"], data))
     messages = [_message(error, model) for error in errors if ".".join(_path_in_file(error["loc"], data)) == key]
     given = errors[0]["input"]
@@ -39,6 +39,9 @@ def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
         return "unknown key" + (f"; did you mean {near[0]}?" if near else f"; {last} belongs elsewhere" if elsewhere else "")
     if error["type"] == "missing":
         return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
+    if error["type"] == "too_short":
+        least = error["ctx"]["min_length"]
+        return f"needs {least} value{'s' * (least != 1)} or more"
     if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
         return _untagged(error)
     if error["type"] in _SHAPES:
@@ -62,14 +65,15 @@ def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
     """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
     node, tagged = data, False
     for number, part in enumerate(location):
-        if isinstance(node, dict) and not tagged and part in (node.get("type"), node.get("kind")):
+        last = number == len(location) - 1
+        if isinstance(node, dict) and not tagged and part in (node.get("type"), node.get("kind")) and not (last and part in node):
             tagged = True
             continue
         inside = part in node if isinstance(node, dict) else isinstance(node, list) and isinstance(part, int) and part < len(node)
         if inside:
             yield str(part)
             node, tagged = node[part], False
-        elif number == len(location) - 1 and isinstance(node, dict):
+        elif last and isinstance(node, dict):
             yield str(part)
 
 
