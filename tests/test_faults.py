@@ -351,7 +351,7 @@ BAD = [
     ("body", {"kind": "drop-out", **T, "shape": "ramp"}, "drop-out cannot be a ramp; it can be step or intermittent"),
     ("body", {"kind": "bias", "size": 1, **T, "agents": [1]}, "the plant is one body; leave agents out"),
     ("formation", {"kind": "bias", "size": 1, **T, "agents": [7]}, "there is no agent 7; there are 6"),
-    ("formation", {"kind": "bias", "size": 1, **T, "agents": []}, "at least 1 item"),
+    ("formation", {"kind": "bias", "size": 1, **T, "agents": []}, "needs 1 value or more"),
     ("formation", {"kind": "bias", "size": 1, **T, "sensor": "gyro"}, "there is no sensor 'gyro'; there are attitude, or 'all'"),
     ("plain", {"kind": "bias", "size": 1, **T, "sensor": "wheels"}, "there is no sensor 'wheels'"),
     ("plain", {"kind": "float", "wheel": 1, **T}, "the plant has no wheels"),
