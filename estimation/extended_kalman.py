@@ -53,7 +53,7 @@ class ExtendedFilter:
 
     Attributes:
       process: model dx/dt = f(x, u) of the state [q, ...], (..., n).
-      process_noise: Q of one step in error coordinates, (..., e, e).
+      process_noise: Q of one step in error coordinates, (..., e, e); of what is added at its end.
       measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       gain: law of the gain.
       space: error coordinates of the state.
@@ -61,6 +61,8 @@ class ExtendedFilter:
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
       measurement: model of the reading and its noise.
+      process_noise_before: of what is added at the step's begin and moved by it, (..., e, e); Q is half of each where it is what torques do
+        during the step (Crassidis & Markley 2003, eq. 41).
 
     Raises:
       ValueError: neither `measurement_noise` nor `measurement` is given, or both are.
@@ -75,6 +77,7 @@ class ExtendedFilter:
     space: StateSpace = field(default_factory=Additive)
     prediction: Callable[[ProcessModel, Array, Array, float], Prediction] = predict
     measurement: MeasurementModel | None = None
+    process_noise_before: Array | float = 0.0
 
     def __post_init__(self) -> None:
         _ = self.measurement_model  # so that bad settings are refused here
@@ -97,7 +100,8 @@ class ExtendedFilter:
         """
         mean, transition = self.prediction(self.process, belief.mean, command, dt)
         transition = self.space.transition(transition, belief.mean, mean)
-        covariance = symmetrize(transition @ belief.covariance @ transition.swapaxes(-1, -2)) + self.process_noise
+        covariance = symmetrize(transition @ (belief.covariance + self.process_noise_before) @ transition.swapaxes(-1, -2))
+        covariance = covariance + self.process_noise
         observation = observe(self.measurement_model, self.space, measurement, mean)
         innovation = innovate(covariance, *observation)
         gain, detection = self.gain.gain(innovation, belief.detection)

@@ -82,6 +82,7 @@ def _noises(filters: Sequence[ExtendedFilter] | Sequence[UnscentedFilter]) -> di
     measured = [one.measurement for one in filters if one.measurement is not None]
     return {
         "process_noise": side_by_side([one.process_noise for one in filters]),
+        "process_noise_before": side_by_side([one.process_noise_before + 0.0 * one.process_noise for one in filters]),
         "measurement_noise": None if measured else side_by_side([one.measurement_model.noise for one in filters]),
         "measurement": share(measured, side_by_side) if measured else None,
         "prior": np.stack([one.prior for one in filters]),

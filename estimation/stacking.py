@@ -64,6 +64,7 @@ def stack(filters: list[ExtendedFilter]) -> ExtendedFilter:
     return ExtendedFilter(
         process=first.process,
         process_noise=np.stack([f.process_noise for f in filters])[:, None],
+        process_noise_before=np.stack([f.process_noise_before + 0.0 * f.process_noise for f in filters])[:, None],
         measurement_noise=None if measured else np.stack([f.measurement_model.noise for f in filters])[:, None],
         prior=prior,
         prior_variance=first.prior_variance,

@@ -39,9 +39,8 @@ class UnscentedFilter:
 
     With `Additive` coordinates the quaternion is treated by components as in Hill et al. (2021), whose state is [q, omega]: every sigma
     point and every mean is scaled to unit length, readings of either sign are aligned. With `Multiplicative` ones this is the filter of
-    Crassidis & Markley (2003), attitude errors being seen from the central sigma point, but for two things: the error is a rotation
-    vector instead of generalised Rodrigues parameters (equal to second order for their f = 2 (a + 1)), and Q is added once, after the
-    prediction, instead of half before and half after.
+    Crassidis & Markley (2003), attitude errors being seen from the central sigma point, but that the error is a rotation vector instead of
+    generalised Rodrigues parameters (equal to second order for their f = 2 (a + 1)). They add half of Q before the prediction.
 
     Where the reading is the whole state, or linear in its errors, Kalman's correction is exact and points need not be redrawn with Q in
     them. Where `measurement` is another function of the state they are, and go through it.
@@ -51,7 +50,7 @@ class UnscentedFilter:
 
     Attributes:
       process: model dx/dt = f(x, u) of the state, (..., n).
-      process_noise: Q of one step in error coordinates, (..., e, e).
+      process_noise: Q of one step in error coordinates, (..., e, e); of what is added at its end.
       measurement_noise: R of a reading of the whole state, in error coordinates, (..., e, e); None where `measurement` is given.
       prior: state (n,) that fills what the first reading misses.
       prior_variance: variance of that, in error coordinates, (e,).
@@ -61,6 +60,7 @@ class UnscentedFilter:
       kappa: secondary spread.
       integrate: discretisation, `process.runge_kutta` or `euler`.
       measurement: model of the reading and its noise.
+      process_noise_before: of what is added at the step's begin and moved by it, (..., e, e).
 
     Raises:
       ValueError: settings of the sigma points that can turn a covariance negative; neither `measurement_noise` nor `measurement`, or both.
@@ -77,6 +77,7 @@ class UnscentedFilter:
     kappa: float = 0.0
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
     measurement: MeasurementModel | None = None
+    process_noise_before: Array | float = 0.0
 
     def __post_init__(self) -> None:
         _ = self.points, self.measurement_model  # so that bad settings are refused here
@@ -122,8 +123,8 @@ class UnscentedFilter:
         )
 
     def propagate(self, belief: Belief, command: Array, dt: float) -> Predicted:
-        """Mean and covariance after `dt` seconds as the model moves them, before process noise and reading."""
-        root, lost = factor(belief.covariance)
+        """Mean and covariance after `dt` seconds as the model moves them, before the noise at the end of the step and the reading."""
+        root, lost = factor(belief.covariance + self.process_noise_before)
         before = self.space.displace(belief.mean[..., None, :], self.points.offsets(root))
         after = self.integrate(self.process, before, command[..., None, :], dt)
         centre = after[..., 0, :]

@@ -29,7 +29,7 @@ class Body(NamedTuple):
 class Expected(NamedTuple):
     """Variances that a filter expects, [rotation vector, rate, wheel speed] each component, (6 + wheels,)."""
 
-    process: Array  # added in a tick
+    process: Array  # added in a tick, half of it before the motion and half after
     reading: Array
 
 
@@ -65,11 +65,11 @@ def motion(body: Body, rotation: Rotation, rate: Array, wheel: Array, command: A
 def fly(body: Body, expected: Expected, speed: float, *, ticks: int, trials: int, tick_s: float, seed: int) -> Flight:
     """Bodies that turn at `speed` rad/s about axes of their own, with small random torques, noise of both kinds, and gaps.
 
-    Each tick's process noise is put on the state; signs of quaternions are drawn; of the readings behind the first a tenth of the
-    quaternions and of the components of rates and wheels are missing.
+    Each tick's process noise is put on the state before the motion and after; signs of quaternions are drawn; of the readings behind the
+    first a tenth of the quaternions and of the components of rates and wheels are missing.
     """
     random, wheels = np.random.default_rng(seed), body.axes.shape[1]
-    process, noise = np.sqrt(expected.process), np.sqrt(expected.reading)
+    half, noise = np.sqrt(0.5 * expected.process), np.sqrt(expected.reading)
     direction = random.standard_normal((trials, 3))
     rotation = Rotation.random(trials, rng=random)
     rate = speed * direction / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -84,10 +84,13 @@ def fly(body: Body, expected: Expected, speed: float, *, ticks: int, trials: int
             rest[random.random(rest.shape) < 0.1] = np.nan
         command = 1e-4 * random.standard_normal((trials, wheels))
         rows.append((rotation.as_quat(), rate, wheel, command, np.concatenate([seen, rest], axis=1)))
-        rotation, rate, wheel = motion(body, rotation, rate, wheel, command, tick_s)
-        push = process * random.standard_normal((trials, 6 + wheels))
-        rotation, rate, wheel = rotation * Rotation.from_rotvec(push[:, :3]), rate + push[:, 3:6], wheel + push[:, 6:]
+        state = motion(body, *_pushed(rotation, rate, wheel, half * random.standard_normal((trials, 6 + wheels))), command, tick_s)
+        rotation, rate, wheel = _pushed(*state, half * random.standard_normal((trials, 6 + wheels)))
     return Flight(tick_s * np.arange(ticks), *(np.stack(part) for part in zip(*rows, strict=True)))
+
+
+def _pushed(rotation: Rotation, rate: Array, wheel: Array, push: Array) -> tuple[Rotation, Array, Array]:
+    return rotation * Rotation.from_rotvec(push[:, :3]), rate + push[:, 3:6], wheel + push[:, 6:]
 
 
 def write(path: Path, flight: Flight) -> Path:

@@ -126,15 +126,15 @@ def test_white_noise_is_white_and_an_autoregression_is_not() -> None:
     assert np.mean(np.abs(found.correlation[:, 0]) > found.bound[:, 0]) > 0.99
 
 
-@pytest.mark.parametrize("tick_s", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("tick_s", [0.01, 0.02, 0.05, 0.2, 0.3])
 def test_the_consistent_set_is_consistent_at_other_periods(tick_s: float) -> None:
-    """Means over 10 trials and 150 ticks; with the noise of a tick of 0.1 s added as it is they were 6.7, 7.5 and 18.4."""
-    observers = {"mekf": {"type": "mekf"}, "ekf": {"type": "ekf"}}
+    """Means over 10 trials and 150 ticks; with the noise of a tick of 0.1 s added as it is they are 6 to 18."""
+    observers = {"mekf": {"type": "mekf"}, "ekf": {"type": "ekf"}, "ukf": {"type": "ukf"}}
     settings = {"run.ticks": 180, "run.tick_s": tick_s, "run.seed": 4242, "observers": observers, "control.feedback": "mekf"}
     recording = run(build(load("nacs/fault-free", settings), np.arange(10)))
     for name in observers:
-        assert 9.0 < np.mean(recording.channels[f"{name}/nees"][30:]) < 11.2
-        assert 9.0 < np.mean(recording.channels[f"{name}/nis"][30:]) < 11.5
+        assert 9.0 < np.mean(recording.channels[f"{name}/nees"][30:]) < 10.8
+        assert 9.5 < np.mean(recording.channels[f"{name}/nis"][30:]) < 10.6
 
 
 def test_a_set_of_a_paper_says_which_tick_it_is_meant_for() -> None:

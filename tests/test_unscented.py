@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.stats import chi2
 
@@ -68,6 +69,20 @@ def test_on_a_linear_model_it_is_the_kalman_filter(alpha, kappa):
             np.testing.assert_allclose(belief.covariance, covariance, atol=1e-12)  # of 1e-4
         np.testing.assert_allclose(belief.log_likelihood, theirs.log_likelihood, atol=1e-7)
     assert belief.lost == 0
+
+
+@pytest.mark.parametrize("family", [ExtendedFilter, UnscentedFilter])
+def test_noise_before_the_step_goes_through_the_model(family):
+    """Half before, half after: Phi (P + Q/2) Phi' + Q/2, which for rates and angles is right up to the third order of the time."""
+    how = {"prediction": with_transition} if family is ExtendedFilter else {"integrate": exactly}
+    ours = family(**LINEAR | {"process_noise": 0.5 * Q, "process_noise_before": 0.5 * Q}, space=Euclidean(), **how)
+    before = ours.initial(np.array([1.0, 0.0, 0.0, 0.2]))
+    ahead = ours.step(before, np.zeros(1), np.full(4, np.nan), DT).covariance
+    np.testing.assert_allclose(ahead, PHI @ (R + 0.5 * Q) @ PHI.T + 0.5 * Q, rtol=1e-9, atol=1e-16)
+    exact = quad_vec(lambda t: expm(A * t) @ (Q / DT) @ expm(A * t).T, 0.0, DT)[0]  # white noise of density Q / DT
+    spread = ahead - PHI @ R @ PHI.T
+    assert spread[0, 1] == pytest.approx(exact[0, 1], rel=0.04)  # the square of frequency times step
+    assert Q[0, 1] < 0.1 * exact[0, 1]  # what a Q at the end alone knows of it
 
 
 def test_on_a_linear_model_it_is_filterpys_unscented_filter():

@@ -41,7 +41,8 @@ class Parts(NamedTuple):
     """What a filter with one model is made of."""
 
     common: dict[str, Any]  # arguments of every filter
-    noise: ProcessNoise  # of one step, for filters that can be told more than a matrix
+    noise: ProcessNoise  # at the end of a step, for filters that can be told more than a matrix
+    whole: ProcessNoise  # of the step, for filters that add all of it at its end
     layer: Array  # of a sliding gain
     explicit: bool  # Euler steps
 
@@ -77,17 +78,20 @@ class ExtendedSettings(ObserverBase):
         read: MeasurementModel = VectorPart(noise_of_reading) if self.by_vector else WholeState(noise_of_reading, space.attitude)
         if not models.speeds_are_states:
             read = PartOfReading(read, MOTION)  # wheel speeds are inputs
+        process = np.diag(np.repeat(unit * q, counts))
+        before = 0.5 * process if tuning.by_torques else 0.0
         common: dict[str, Any] = {
             "process": models.believing(tuning.wheel_drag, fault),
-            "process_noise": np.diag(np.repeat(unit * q, counts)),
+            "process_noise": process - before,
+            "process_noise_before": before,
             "measurement_noise": None,
             "measurement": read,
             "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
             "prior_variance": np.repeat([1.0, self.initial_rate_rad_s**2, 1e4], counts),
             "space": space,
         }
-        noise = tuning.matched.law if tuning.matched else ConstantNoise.of(common["process_noise"])
-        return Parts(common, noise, np.repeat(layer, counts), self.discretization == "euler")
+        end, whole = ((tuning.matched.law if tuning.matched else ConstantNoise.of(q)) for q in (process - before, process))
+        return Parts(common, end, whole, np.repeat(layer, counts), self.discretization == "euler")
 
     def build(self, place: Place, fault: WheelFault | None = None) -> Any:
         """An extended filter with this gain."""
@@ -215,8 +219,9 @@ class Pf(ExtendedSettings):
     def build(self, place: Place, fault: WheelFault | None = None) -> Any:
         """A particle filter; its random numbers are handed in."""
         parts = self.parts(place, fault)
+        common = {name: part for name, part in parts.common.items() if name != "process_noise_before"}
         return ParticleFilter(
-            **parts.common | {"process_noise": parts.noise},
+            **common | {"process_noise": parts.whole},
             particles=self.particles,
             proposal=PROPOSALS[self.proposal],
             resampling=SCHEMES[self.resampling],

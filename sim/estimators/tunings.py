@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from estimation.proposals import MatchedNoise
-from models.sections import NonNegative, Positive, Section
+from models.sections import NonNegative, Positive, Section, Share
 from sim.sensors.sensors import SensorSettings
 from sim.units import RPM
 
@@ -43,8 +43,11 @@ class Tuning(Section):
 
     process_noise: Triple = Field(description="variances added in a tick, Q")
     tick_s: Positive | None = Field(None, description="tick that `process_noise` is meant for; none: any")
-    by_torques: bool = Field(False, description="at another tick Q is what the torques behind it do then; otherwise it is added as it is")
-    torque_correlation_s: NonNegative = Field(0.006, description="time below which these torques no longer count as white")
+    by_torques: bool = Field(
+        False, description="Q is what torques do in a tick, half added before and half after, and at another tick what they do then"
+    )
+    torque_correlation_s: NonNegative = Field(0.004, description="time below which these torques no longer count as white")
+    held_share: Share = Field(0.17, description="of the rates' variance, what torques do that hold over a tick")
     measurement_noise: Literal["sensors"] | Triple = Field(description="variances of a reading, R, or those of the simulated sensors")
     boundary_layer: Triple = Field((4e-4, 8e-3, 2.0), description="delta of the sliding innovation gain")
     matched: MatchedSettings | None = Field(None, description="of the filters aukf and pf in place of `process_noise`")
@@ -54,13 +57,14 @@ class Tuning(Section):
     def over(self, dt: float) -> Array:
         """How much more Q is at a tick of `dt` seconds than at its own, [attitude, rate, wheel speed].
 
-        A white torque adds variance to the rate, and by it to the attitude, in proportion to the time; one that is correlated over tau
-        with the square of short times, dt^2 / (dt + tau); a drive's error, which is held over a tick, to the wheel's speed always so.
+        A white torque adds variance to the rate in proportion to the time, one that is correlated over tau with the square of short times,
+        dt^2 / (dt + tau), one that holds over a tick always so, as a drive's error does to the wheel's speed.
         """
         if self.tick_s is None or not self.by_torques:
             return np.ones(3)
-        longer, tau = dt / self.tick_s, self.torque_correlation_s
-        return np.array([longer, longer**2 * (self.tick_s + tau) / (dt + tau), longer**2])
+        longer, tau, held = dt / self.tick_s, self.torque_correlation_s, self.held_share
+        white = longer**2 * (self.tick_s + tau) / (dt + tau)
+        return np.array([longer, white * (1.0 - held + held * longer), longer**2])
 
     def warnings(self, where: str, dt: float) -> list[str]:
         """A line if Q is added as it is at a tick that it is not meant for."""
@@ -98,7 +102,7 @@ TUNINGS: dict[str, Tuning] = {
         tick_s=0.1,
     ),
     "consistent": Tuning(
-        process_noise=(1e-10, 4e-7, 1.3e-2),
+        process_noise=(1e-10, 4.4e-7, 1.35e-2),
         measurement_noise="sensors",
         boundary_layer=(4e-4, 8e-3, 2.0),
         wheel_drag=True,
