@@ -15,6 +15,8 @@ from control.falsification import Evidence, Specification, energy, values
 Array = NDArray[np.floating]
 Flags = NDArray[np.bool_]
 
+COARSEST = 0.5  # lambda times a tick; tests of a record sampled more coarsely mean nothing
+
 
 class Memory(NamedTuple):
     """All that the controller remembers; leading axes: trial, axis, ..."""
@@ -80,8 +82,8 @@ class UnfalsifiedController:
     def __post_init__(self) -> None:
         if not (np.all(np.asarray(self.inertia) > 0) and self.pace > 0 and self.tick_s > 0 and self.frequency > 0):
             raise ValueError("unfalsified control: inertia, pace, tick_s and frequency must be positive")
-        if self.pace * self.tick_s > 0.5:
-            raise ValueError(f"unfalsified control: pace * tick_s = {self.pace * self.tick_s} is too coarse; need at most 0.5")
+        if self.pace * self.tick_s > COARSEST:
+            raise ValueError(f"unfalsified control: pace * tick_s = {self.pace * self.tick_s:g} is too coarse; need at most {COARSEST}")
         if self.capacity < 4 or self.gate < 0 or self.quantum < 0:
             raise ValueError("unfalsified control: need capacity >= 4, gate >= 0 and quantum >= 0")
 

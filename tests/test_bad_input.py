@@ -124,6 +124,12 @@ def test_a_users_own_file_works_by_path(nacs, tmp_path: Path) -> None:
     assert (tmp_path / "runs" / "mine" / "summary.json").is_file()
 
 
+def test_a_law_that_is_too_fast_for_the_tick_is_refused_at_its_place(nacs) -> None:
+    result = nacs("run", "antenna-mapping/boeing702", "--set", "loops.adaptive.control.pace_rad_s=100")
+    said = "loops.adaptive.control.pace_rad_s: 100 rad/s needs run.tick_s at most 0.005 s"
+    assert (result.code, result.err) == (2, f"error: antenna-mapping/boeing702.toml: {said}\n")
+
+
 @pytest.mark.parametrize(
     ("setting", "said"),
     [

@@ -230,6 +230,7 @@ WRONG = [
     ('"plant.inertia_kg_m2.1"', '"plant.wheel_mass_kg"', ["plant.wheel_mass_kg", "compiled model"]),
     ('"plant.inertia_kg_m2.1"', '"observers.ekf.alpha"', ["observers.ekf.alpha", "unknown key"]),
     ('"sensors.gyro_noise_rad_s"', '"sensors.gyro_nois"', ["sensors.gyro_nois"]),
+    ("run.ticks = 60", "run.ticks = {}", ["run.ticks: must be a whole number"]),
     ("{ uniform = [0.0150, 0.0196] }", "{ uniform = [0.02, 0.01] }", ["dispersion.plant.inertia_kg_m2.1", "low < high"]),
     ("{ uniform = [0.0150, 0.0196] }", "{ uniform = [0.02] }", ["dispersion.plant.inertia_kg_m2.1.uniform"]),
     ("{ uniform = [0.0150, 0.0196] }", "{}", ["dispersion.plant.inertia_kg_m2.1", "give a number or one of"]),

@@ -66,6 +66,6 @@ def _flat(node: dict[str, Any], section: str, prefix: str = "") -> list[tuple[st
     out: list[tuple[str, Any]] = []
     for key, value in node.items():
         name = f"{prefix}{key}"
-        leaf = not isinstance(value, dict) or (section == "dispersion" and (not value or bool(set(value) & _DISTRIBUTIONS)))
+        leaf = not isinstance(value, dict) or not value or (section == "dispersion" and bool(set(value) & _DISTRIBUTIONS))
         out += [(name, value)] if leaf else _flat(value, section, f"{name}.")
     return out

@@ -19,7 +19,7 @@ from control.proportional_derivative import ProportionalDerivative
 from control.sliding_mode import SlidingMode
 from control.torque_limit import AxisLimited
 from control.tracking import Controller, RememberingController
-from control.unfalsified import UnfalsifiedController
+from control.unfalsified import COARSEST, UnfalsifiedController
 from models.dynamics.wheel_faults import WheelFault
 from models.plants.assembly import Assembly
 from models.sections import NonNegative, Positive, Section
@@ -60,6 +60,9 @@ class LawSettings(Section, ABC):
     def gains(self) -> dict[str, float | tuple[float, ...]]:
         """The gains that can differ between modes, by key."""
         return {}
+
+    def check(self, where: str, tick_s: float) -> None:  # noqa: B027
+        """Raise ValueError if the law cannot do with so few decisions; complaints begin with `where`."""
 
     @abstractmethod
     def controller(self, assembly: Assembly, tick_s: float) -> Controller | RememberingController:
@@ -158,6 +161,11 @@ class UnfalsifiedSettings(LawSettings):
     error_bound: Positive = Field(2.25, description="M1 of the weight W1 on the error")
     archive: Annotated[int, Field(ge=4, le=100_000)] = Field(40, description="past tests kept")
     delay_ticks: Annotated[int, Field(ge=0, le=100_000)] = Field(0, description="from a decision to its torque")
+
+    def check(self, where: str, tick_s: float) -> None:
+        """Raise ValueError if the design's frequencies are too fast for the tick."""
+        if self.pace_rad_s * tick_s > COARSEST:
+            raise ValueError(f"{where}.pace_rad_s: {self.pace_rad_s:g} rad/s needs run.tick_s at most {COARSEST / self.pace_rad_s:g} s")
 
     def controller(self, assembly: Assembly, tick_s: float) -> AntennaPointing:
         """The law, believing an inertia that is off by the given error."""

@@ -38,16 +38,20 @@ def laws_by_place(control: ControlSettings | None, loops: Mapping[str, LoopSetti
     return {f"loops.{name}.control": loop.control for name, loop in loops.items()} if control is None else {"control": control}
 
 
-def check_laws(laws: Mapping[str, ControlSettings], observers: Mapping[str, ObserverSettings], guests: Iterable[str]) -> None:
-    """Raise ValueError if a law is fed by nothing, or has gains for other modes than its observer's.
+def check_laws(
+    laws: Mapping[str, ControlSettings], observers: Mapping[str, ObserverSettings], guests: Iterable[str], tick_s: float
+) -> None:
+    """Raise ValueError if a law is fed by nothing or too rarely, or has gains for other modes than its observer's.
 
     Args:
       laws: by their place in the file.
       observers: of the scenario.
       guests: names of the user's own filters.
+      tick_s: control period, s.
     """
     sources = [*observers, *guests, "truth", "measurement"]
     for where, law in laws.items():
+        law.check(where, tick_s)
         if law.feedback not in sources:
             raise ValueError(f"{where}.feedback: no observer {law.feedback!r}; there are {', '.join(sources)}")
         observer = observers.get(law.feedback)

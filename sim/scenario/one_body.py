@@ -114,7 +114,7 @@ class Scenario(Section):
         for name, settings in self.observers.items():
             settings.check(f"observers.{name}", wheels)
         laws = laws_by_place(self.control, self.loops)
-        check_laws(laws, self.observers, (info.context or {}).get("guests", ()))
+        check_laws(laws, self.observers, (info.context or {}).get("guests", ()), self.run.tick_s)
         check_loops(self.loops, self.observers, self.identification)
         steps = self.run.tick_s / self.plant.step_s
         if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
