@@ -61,7 +61,7 @@ class LawSettings(Section, ABC):
         """The gains that can differ between modes, by key."""
         return {}
 
-    def check(self, where: str, tick_s: float) -> None:  # noqa: B027
+    def check(self, where: str, tick_s: float) -> None:
         """Raise ValueError if the law cannot do with so few decisions; complaints begin with `where`."""
 
     @abstractmethod
