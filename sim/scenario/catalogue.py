@@ -21,8 +21,8 @@ FAMILIES = {
 
 
 def scenario_names() -> list[str]:
-    """Names family/name of the scenarios that come with the twin."""
-    return sorted(str(path.relative_to(SCENARIOS).with_suffix("")) for path in SCENARIOS.glob("*/*.toml"))
+    """Names family/name, or family/group/name, of the scenarios that come with the twin."""
+    return sorted(path.relative_to(SCENARIOS).with_suffix("").as_posix() for path in SCENARIOS.glob("*/**/*.toml"))
 
 
 def families() -> dict[str, list[str]]:
