@@ -13,6 +13,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
+from sim.text.table_style import counted
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -24,7 +26,7 @@ class WorkersLost(RuntimeError):
 
     def __init__(self, jobs: int) -> None:
         super().__init__(
-            f"{jobs} block{'s' * (jobs > 1)} of trials could not be flown: the worker process was lost {AGAIN + 1} times "
+            f"{counted(jobs, 'block')} of trials could not be flown: the worker process was lost {AGAIN + 1} times "
             "(killed, or out of memory? fewer trials together or fewer --workers need less)"
         )
 
