@@ -11,7 +11,7 @@ from secrets import token_hex
 
 _TEMPORARY = re.compile(r"\..*-(\d+)-[0-9a-f]{8}\.part(\..*)?")  # as `whole_file` names them, with the number of the process
 
-_MINE = set[Path]()  # that this process writes now
+_MINE = set[str]()  # names of what this process writes now
 
 
 class NotWritten(OSError):
@@ -29,7 +29,7 @@ def whole_file(path: Path) -> Iterator[Path]:
       NotWritten: the block or the file system refused; what was there before is there still.
     """
     temporary = path.with_name(f".{path.stem}-{os.getpid()}-{token_hex(4)}.part{path.suffix}")
-    _MINE.add(temporary)
+    _MINE.add(temporary.name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -42,7 +42,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        _MINE.discard(temporary)
+        _MINE.discard(temporary.name)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -58,7 +58,7 @@ def remove_abandoned(folder: Path) -> None:
     """
     for path in folder.glob(".*.part*"):
         found = _TEMPORARY.fullmatch(path.name)
-        if found and path not in _MINE and (int(found[1]) == os.getpid() or not _runs(int(found[1]))):
+        if found and path.name not in _MINE and (int(found[1]) == os.getpid() or not _runs(int(found[1]))):
             path.unlink(missing_ok=True)
 
 

@@ -1,0 +1,216 @@
+"""Kill commands of the twin, their workers and their cluster at random moments, go on as they say, and see whether anything was lost.
+
+    python -m tests.kills --n 30 --seed 7
+
+The moment is drawn evenly over the life of the command, from the start of the interpreter to the last file. After each kill the command
+that the printed line names is called (after SIGKILL, which leaves no time for words, what docs/campaigns.md says), and what is there then
+must be equal to the bit to what an undisturbed command leaves. The same seed draws the same kinds and moments; how far a command is at
+that moment is the machine's own. Needs /proc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.fuzz_process import call
+from tests.kill_cases import CAMPAIGN, COMMANDS, DASK_THERE, Cluster, Kind, answers, drawn, end_marked, marked, products, start, workers
+
+PATIENCE_S = 180.0  # that a command may take to end
+GRACE_S = 15.0  # in which its workers must have noticed that it is gone
+ANEW, REPLACED = "the same command begins anew", "the same command with --overwrite"
+
+
+class Verdict(NamedTuple):
+    """What a kill did."""
+
+    kind: Kind
+    at_s: float
+    code: int
+    said: str
+    lost: int  # trials that were finished and had to be flown again
+    complaints: list[str]
+
+    def __str__(self) -> str:
+        told = f"{self.kind} at {self.at_s:5.2f} s: exit {self.code}, {self.said[:150] or '-'}"
+        return told + "".join(f"\n    {complaint}" for complaint in self.complaints)
+
+
+class Series:
+    """Kills of a seed, in a folder."""
+
+    def __init__(self, seed: int, folder: Path) -> None:
+        self._rng, self._folder = random.Random(seed), folder
+        self._mark = f"{os.getpid()}-{seed}"
+        self._cluster = Cluster(folder, f"{self._mark}-cluster")
+        self._seconds: dict[str, float] = {}
+        self._undisturbed: dict[str, tuple[int, dict[str, object]]] = {}
+        self.verdicts: list[Verdict] = []
+
+    def run(self, count: int, kinds: tuple[str, ...] = ()) -> None:
+        """So many kills; only of some commands, if they are named."""
+        try:
+            for kind, share in drawn(count, self._rng):
+                if not kinds or kind.command in kinds:
+                    self.verdicts.append(self._kill(kind, share, self._folder / f"case-{len(self.verdicts)}"))
+                    print(f"{len(self.verdicts):3}  {self.verdicts[-1]}", flush=True)
+        finally:
+            self._cluster.stop()
+            end_marked(self._mark)
+
+    def _arguments(self, command: str) -> tuple[str, ...]:
+        if command == DASK_THERE:
+            self._cluster.start()
+        return tuple(self._cluster.address if part == "ADDRESS" else part for part in COMMANDS[command])
+
+    def _prepare(self, folder: Path) -> Path:
+        """A folder with what commands read."""
+        folder.mkdir()
+        (folder / "campaign.toml").write_text(CAMPAIGN)
+        log = self._folder / "log.parquet"
+        if not log.exists():
+            short = ("--trials", 2, "--record-trials", 2, "--set", "run.ticks=200", "--without", "report", "--without", "recording")
+            assert call(("run", "nacs/fault-free", *short, "--also", "log", "--out", "made"), folder, PATIENCE_S).code == 0
+            shutil.move(folder / "made" / "log.parquet", log)
+        shutil.copy(log, folder)
+        return folder
+
+    def _whole(self, command: str) -> tuple[int, dict[str, object]]:
+        """Exit code and products of the undisturbed command, once timed as a process of its own."""
+        family = COMMANDS[command][0] if command != "run in processes" else command
+        if command not in self._seconds:
+            folder = self._prepare(self._folder / f"whole-{len(self._seconds)}")
+            begun = time.monotonic()
+            running = start(("-m", "sim.cli.main", *self._arguments(command)), folder, self._mark, folder / "said")
+            code = running.wait(PATIENCE_S)
+            self._seconds[command] = time.monotonic() - begun
+            found = code, products(folder / "it")
+            assert found == self._undisturbed.setdefault(family, found), f"{command} differs from another engine's"
+        return self._undisturbed[family]
+
+    def _kill(self, kind: Kind, share: float, folder: Path) -> Verdict:
+        code_when_done, wanted = self._whole(kind.command)
+        self._prepare(folder)
+        arguments = self._arguments(kind.command)
+        at = share * self._seconds[kind.command]
+        code, early = self._disturb(kind, at, arguments, folder)
+        lines = [line for line in (folder / "said").read_text(errors="replace").splitlines() if not line.startswith("warning: ")]
+        complaints = _complaints(kind, code, early, lines, code_when_done)
+        complaints += self._leftovers()
+        sealed = {path.name: path.stat().st_mtime_ns for path in folder.glob("it/shards/*.seal")}
+        if code != code_when_done:
+            again = _way_on(arguments, lines[-1] if lines else "", folder)
+            if kind.command == DASK_THERE:
+                self._cluster.start()
+            options = ("--workers", "1") if again[0] == "campaign" and kind.command != DASK_THERE else ()
+            ended = call((*again, *options), folder, PATIENCE_S)
+            if ended.code != code_when_done:
+                complaints.append(f"going on by `{shlex.join(again)}` ends with {ended.code}: {ended.err.strip()[-300:]}")
+        found = products(folder / "it")
+        complaints += [f"{name} is not as undisturbed" for name in sorted({*wanted, *found}) if wanted.get(name) != found.get(name)]
+        now = {path.name: path.stat().st_mtime_ns for path in folder.glob("it/shards/*.seal")}
+        lost = 2 * sum(now.get(name) != stamp for name, stamp in sealed.items())
+        return Verdict(kind, at, code, " ".join(lines), lost, complaints + ([f"{lost} finished trials lost"] if lost else []))
+
+    def _disturb(self, kind: Kind, at: float, arguments: tuple[str, ...], folder: Path) -> tuple[int, bool]:
+        """Run and kill; exit code, and whether the interpreter had not yet come to the twin when it was asked to end."""
+        running = start(("-m", "sim.cli.main", *arguments), folder, self._mark, folder / "said")
+        time.sleep(at)
+        early, mark = False, self._cluster.mark if kind.command == DASK_THERE else self._mark
+        if kind.victim == "worker":
+            while running.poll() is None and not workers(mark):
+                time.sleep(0.02)
+            victims = self._rng.sample(found := sorted(workers(mark)), min(1, len(found)))
+        else:
+            victims = [self._cluster.scheduler if kind.victim == "scheduler" else running.pid]
+        if running.poll() is None and victims:
+            early = kind.victim == "main" and not answers(running.pid)
+            with suppress(ProcessLookupError):
+                os.kill(victims[0], kind.by)
+        try:
+            return running.wait(PATIENCE_S), early
+        except subprocess.TimeoutExpired:
+            running.kill()
+            running.wait()
+            return 124, False
+
+    def _leftovers(self) -> list[str]:
+        """Processes that outlive the command; they are ended."""
+        end = time.monotonic() + GRACE_S
+        while marked(self._mark) and time.monotonic() < end:
+            time.sleep(0.1)
+        lines = [Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")[:100] for process in marked(self._mark)]
+        end_marked(self._mark)
+        return [f"left over: {line}" for line in lines]
+
+
+def _complaints(kind: Kind, code: int, early: bool, lines: list[str], done: int) -> list[str]:
+    """What is wrong with how a command ended that was disturbed."""
+    polite = kind.victim == "main" and kind.by != signal.SIGKILL
+    allowed = {done}
+    if kind.victim == "main":
+        allowed.add(130 if polite and not early else -kind.by)
+    elif kind.victim == "scheduler":
+        allowed.add(3)
+    found = [] if code in allowed else [f"exit code {code}"]
+    if early:  # nothing of the twin's was there to answer
+        return found if polite else []
+    if any("Traceback" in line for line in lines):
+        found.append("traceback")
+    if len(lines) != (code in {3, 130}):
+        found.append(f"{len(lines)} lines: {' / '.join(lines)[:300]}")
+    if code in {3, 130} and not re.search(rf"(go on|sum them up) with: nacs|{ANEW}|{REPLACED}", " ".join(lines)):
+        found.append("no line says how to go on")
+    return found
+
+
+def _way_on(arguments: tuple[str, ...], line: str, folder: Path) -> tuple[str, ...]:
+    """The command that goes on, as the line says; after SIGKILL, as the docs do."""
+    if command := re.search(r"(?:go on|sum them up) with: nacs (.*)", line):
+        return tuple(shlex.split(command[1]))
+    if ANEW in line or not (folder / "it").exists():
+        return arguments
+    return (*arguments, "--resume" if arguments[0] == "campaign" else "--overwrite")
+
+
+def kills(seed: int, count: int, kinds: tuple[str, ...] = ()) -> list[Verdict]:
+    """A series."""
+    with tempfile.TemporaryDirectory(prefix="nacs-kills-") as folder:
+        series = Series(seed, Path(folder))
+        series.run(count, kinds)
+    return series.verdicts
+
+
+def main() -> None:
+    """Run a series and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--n", type=int, default=30, help="how many kills")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", action="append", choices=list(COMMANDS), default=[], help="kills of this command alone, of those drawn")
+    chosen = parser.parse_args()
+    verdicts = kills(chosen.seed, chosen.n, tuple(chosen.only))
+    by_kind: dict[str, list[Verdict]] = defaultdict(list)
+    for verdict in verdicts:
+        by_kind[str(verdict.kind)].append(verdict)
+    print(f"\n{'kind':52} kills  lost trials  complaints")
+    for kind, found in sorted(by_kind.items()):
+        print(f"{kind:52} {len(found):5} {sum(v.lost for v in found):12} {sum(map(len, (v.complaints for v in found))):11}")
+    print(f"{'all':52} {len(verdicts):5} {sum(v.lost for v in verdicts):12} {sum(len(v.complaints) for v in verdicts):11}")
+    sys.exit(any(verdict.complaints for verdict in verdicts))
+
+
+if __name__ == "__main__":
+    main()
