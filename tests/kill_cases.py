@@ -26,10 +26,12 @@ run.ticks = 100
 [dispersion]
 "plant.inertia_kg_m2.1" = { uniform = [0.0150, 0.0196] }
 """
+ALONE = "campaign in one process"
 PROCESSES = "campaign in processes"
 DASK_HERE = "campaign on a dask of its own"
 DASK_THERE = "campaign on a running dask"
 COMMANDS = {
+    ALONE: ("campaign", "campaign.toml", "--workers", "1", "--out", "it"),
     PROCESSES: ("campaign", "campaign.toml", "--workers", "2", "--out", "it"),
     DASK_HERE: ("campaign", "campaign.toml", "--workers", "2", "--engine", "dask", "--out", "it"),
     DASK_THERE: ("campaign", "campaign.toml", "--engine", "dask", "--scheduler", "ADDRESS", "--out", "it"),
@@ -53,7 +55,8 @@ class Kind(NamedTuple):
 
 KILL, TERM, HUP, INT = signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT
 KINDS = (
-    *(Kind(PROCESSES, "main", by) for by in (KILL, KILL, KILL, KILL, TERM, TERM, HUP, INT, INT)),
+    *(Kind(ALONE, "main", by) for by in (KILL, KILL, KILL, TERM, HUP, INT)),
+    *(Kind(PROCESSES, "main", by) for by in (KILL, TERM, INT)),
     *(Kind(PROCESSES, "worker", by) for by in (KILL, KILL, KILL, TERM)),
     *(Kind(DASK_HERE, victim, by) for victim, by in (("main", KILL), ("main", INT), ("main", TERM), ("worker", KILL))),
     *(Kind(DASK_THERE, victim, by) for victim, by in (("worker", KILL), ("worker", KILL), ("scheduler", KILL), ("scheduler", KILL))),
