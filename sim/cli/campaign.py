@@ -38,13 +38,13 @@ from sim.campaign.summary import (
 )
 from sim.campaign.worker_processes import WorkersLost
 from sim.cli.result_files import ResultFiles, interrupted_as
-from sim.cli.signals import AS_BEFORE, SIGNALS
 from sim.cli.terminal import FAILED, INTERRUPTED, err, out, output_folder
 from sim.metrics.results import versions, write_json
 from sim.outputs.recording import how_to_open
 from sim.processor import described
 from sim.scenario import files
 from sim.scenario.validation import first_error
+from sim.signals import AS_BEFORE, SIGNALS
 from sim.tables import one_body as tables
 from sim.text.table_style import counted
 from sim.text.toml_text import is_there

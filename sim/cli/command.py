@@ -21,10 +21,10 @@ from sim.cli.crosscheck import crosscheck
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
 from sim.cli.run import run
-from sim.cli.signals import AS_BEFORE
 from sim.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Name, Overrides, err, load, out
 from sim.cli.view import view
 from sim.plant.batch import SimulationFailed
+from sim.signals import AS_BEFORE
 from sim.text.one_line import one_line
 
 SHOW_TRACEBACK = "NACS_TRACEBACK"  # environment variable: let an error through, for whoever looks for its cause

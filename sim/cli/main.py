@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import NoReturn
 
-from sim.cli.signals import SIGNALS
+from sim.signals import SIGNALS
 
 
 def main() -> NoReturn:

@@ -13,12 +13,12 @@ from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.result_files import ResultFiles, interrupted_as
-from sim.cli.signals import SIGNALS
 from sim.cli.terminal import FAILED, INTERRUPTED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.signals import SIGNALS
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
 

@@ -21,7 +21,6 @@ from sim.campaign.settings import Campaign
 from sim.campaign.worker_processes import WorkersLost
 from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.run_output import RunResult, numbers_of
-from sim.cli.signals import SIGNALS
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
 from sim.loop.build import build
 from sim.loop.recorder import Recorder
@@ -32,6 +31,7 @@ from sim.outputs.register import OUTPUTS
 from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.signals import SIGNALS
 from sim.tables.register import tables_of
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
