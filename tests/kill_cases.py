@@ -15,14 +15,15 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 MARK = "NACS_KILLED_BY"  # in the environment of all processes that a series starts, with its own number
+LOOK_AGAIN_S = 0.3  # for processes that are new
 COMES_AND_GOES = {"wall_s", "peak_memory_mib"}
 CAMPAIGN = """title = "short"
 scenario = "nacs/fault-free"
 seed = 11
-trials = 16
+trials = 12
 shard = 2
 [override]
-run.ticks = 100
+run.ticks = 60
 [dispersion]
 "plant.inertia_kg_m2.1" = { uniform = [0.0150, 0.0196] }
 """
@@ -35,7 +36,7 @@ COMMANDS = {
     PROCESSES: ("campaign", "campaign.toml", "--workers", "2", "--out", "it"),
     DASK_HERE: ("campaign", "campaign.toml", "--workers", "2", "--engine", "dask", "--out", "it"),
     DASK_THERE: ("campaign", "campaign.toml", "--engine", "dask", "--scheduler", "ADDRESS", "--out", "it"),
-    "run": ("run", "nacs/fault-free", "--trials", "130", "--set", "run.ticks=30", "--out", "it"),
+    "run": ("run", "nacs/fault-free", "--trials", "66", "--set", "run.ticks=20", "--out", "it"),
     "run in processes": ("run", "nacs/fault-free", "--trials", "8", "--set", "run.ticks=30", "--workers", "2", "--out", "it"),
     "replay": ("replay", "log.parquet", "--out", "it"),
     "crosscheck": ("crosscheck", "nacs/fault-free", "--set", "run.ticks=30", "--trials", "2", "--at", "1", "--out", "it"),
@@ -108,6 +109,32 @@ def workers(mark: str) -> list[int]:
         if b"spawn_main" in line:
             found.append(process)
     return found
+
+
+class Work:
+    """Seconds of processor time that all processes with a mark have spent: what a command has done, however busy the machine is."""
+
+    def __init__(self, mark: str) -> None:
+        self._mark, self._known, self._looked = mark, list[int](), 0.0
+        self._before, self._most = self._sum(), 0.0
+
+    def done(self) -> float:
+        """Since the beginning; the time of those that have ended is not forgotten as long as less is spent after them."""
+        self._most = max(self._most, self._sum() - self._before)
+        return self._most
+
+    def _sum(self) -> float:
+        if time.monotonic() - self._looked > LOOK_AGAIN_S:
+            self._known, self._looked = marked(self._mark), time.monotonic()
+        return sum(map(_spent, self._known))
+
+
+def _spent(process: int) -> float:
+    try:
+        figures = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, figures[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 def answers(process: int) -> bool:

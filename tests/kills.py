@@ -2,10 +2,10 @@
 
     python -m tests.kills --n 30 --seed 7
 
-The moment is drawn evenly over the life of the command, from the start of the interpreter to the last file. After each kill the command
+The moment is drawn evenly over the work of the command, from the start of the interpreter to the last file, in the processor time that it
+and its workers have spent. After each kill the command
 that the printed line names is called (after SIGKILL, which leaves no time for words, what docs/campaigns.md says), and what is there then
-must be equal to the bit to what an undisturbed command leaves. The same seed draws the same kinds and moments; how far a command is at
-that moment is the machine's own. Needs /proc.
+must be equal to the bit to what an undisturbed command leaves. The same seed draws the same kinds and moments. Needs /proc.
 """
 
 from __future__ import annotations
@@ -27,9 +27,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tests.fuzz_process import call
-from tests.kill_cases import CAMPAIGN, COMMANDS, DASK_THERE, Cluster, Kind, answers, drawn, end_marked, marked, products, start, workers
+from tests.kill_cases import (
+    CAMPAIGN,
+    COMMANDS,
+    DASK_THERE,
+    Cluster,
+    Kind,
+    Work,
+    answers,
+    drawn,
+    end_marked,
+    marked,
+    products,
+    start,
+    workers,
+)
 
-PATIENCE_S = 180.0  # that a command may take to end
+PATIENCE_S = 400.0  # that a command may take to end
+POLL_S = 0.01
 GRACE_S = 15.0  # in which its workers must have noticed that it is gone
 ANEW, REPLACED = "the same command begins anew", "the same command with --overwrite"
 
@@ -38,14 +53,15 @@ class Verdict(NamedTuple):
     """What a kill did."""
 
     kind: Kind
-    at_s: float
+    share: float
+    met: str  # how far the command was: early (before the twin's first line), late (it was over), or in time
     code: int
     said: str
     lost: int  # trials that were finished and had to be flown again
     complaints: list[str]
 
     def __str__(self) -> str:
-        told = f"{self.kind} at {self.at_s:5.2f} s: exit {self.code}, {self.said[:150] or '-'}"
+        told = f"{self.kind} at {100 * self.share:3.0f} % ({self.met}): exit {self.code}, {self.said[:150] or '-'}"
         return told + "".join(f"\n    {complaint}" for complaint in self.complaints)
 
 
@@ -56,7 +72,7 @@ class Series:
         self._rng, self._folder = random.Random(seed), folder
         self._mark = f"{os.getpid()}-{seed}"
         self._cluster = Cluster(folder, f"{self._mark}-cluster")
-        self._seconds: dict[str, float] = {}
+        self._work_s: dict[str, float] = {}
         self._undisturbed: dict[str, tuple[int, dict[str, object]]] = {}
         self.verdicts: list[Verdict] = []
 
@@ -91,24 +107,28 @@ class Series:
     def _whole(self, command: str) -> tuple[int, dict[str, object]]:
         """Exit code and products of the undisturbed command, once timed as a process of its own."""
         family = COMMANDS[command][0] if command != "run in processes" else command
-        if command not in self._seconds:
-            folder = self._prepare(self._folder / f"whole-{len(self._seconds)}")
-            begun = time.monotonic()
-            running = start(("-m", "sim.cli.main", *self._arguments(command)), folder, self._mark, folder / "said")
-            code = running.wait(PATIENCE_S)
-            self._seconds[command] = time.monotonic() - begun
+        if command not in self._work_s:
+            folder = self._prepare(self._folder / f"whole-{len(self._work_s)}")
+            arguments, work = self._arguments(command), self._work(command)
+            running = start(("-m", "sim.cli.main", *arguments), folder, self._mark, folder / "said")
+            while (code := running.poll()) is None:
+                self._work_s[command] = work.done()
+                time.sleep(POLL_S)
             found = code, products(folder / "it")
             assert found == self._undisturbed.setdefault(family, found), f"{command} differs from another engine's"
         return self._undisturbed[family]
+
+    def _work(self, command: str) -> Work:
+        """That of a command which is about to start; of a running cluster that of its workers."""
+        return Work(self._cluster.mark if command == DASK_THERE else self._mark)
 
     def _kill(self, kind: Kind, share: float, folder: Path) -> Verdict:
         code_when_done, wanted = self._whole(kind.command)
         self._prepare(folder)
         arguments = self._arguments(kind.command)
-        at = share * self._seconds[kind.command]
-        code, early = self._disturb(kind, at, arguments, folder)
+        code, met = self._disturb(kind, share, arguments, folder)
         lines = [line for line in (folder / "said").read_text(errors="replace").splitlines() if not line.startswith("warning: ")]
-        complaints = _complaints(kind, code, early, lines, code_when_done)
+        complaints = _complaints(kind, code, met, lines, code_when_done)
         complaints += self._leftovers()
         sealed = {path.name: path.stat().st_mtime_ns for path in folder.glob("it/shards/*.seal")}
         if code != code_when_done:
@@ -123,29 +143,32 @@ class Series:
         complaints += [f"{name} is not as undisturbed" for name in sorted({*wanted, *found}) if wanted.get(name) != found.get(name)]
         now = {path.name: path.stat().st_mtime_ns for path in folder.glob("it/shards/*.seal")}
         lost = 2 * sum(now.get(name) != stamp for name, stamp in sealed.items())
-        return Verdict(kind, at, code, " ".join(lines), lost, complaints + ([f"{lost} finished trials lost"] if lost else []))
+        return Verdict(kind, share, met, code, " ".join(lines), lost, complaints + ([f"{lost} finished trials lost"] if lost else []))
 
-    def _disturb(self, kind: Kind, at: float, arguments: tuple[str, ...], folder: Path) -> tuple[int, bool]:
-        """Run and kill; exit code, and whether the interpreter had not yet come to the twin when it was asked to end."""
+    def _disturb(self, kind: Kind, share: float, arguments: tuple[str, ...], folder: Path) -> tuple[int, str]:
+        """Run and kill; exit code, and how far the command was."""
+        work = self._work(kind.command)
         running = start(("-m", "sim.cli.main", *arguments), folder, self._mark, folder / "said")
-        time.sleep(at)
-        early, mark = False, self._cluster.mark if kind.command == DASK_THERE else self._mark
+        while running.poll() is None and work.done() < share * self._work_s[kind.command]:
+            time.sleep(POLL_S)
+        mark = self._cluster.mark if kind.command == DASK_THERE else self._mark
         if kind.victim == "worker":
             while running.poll() is None and not workers(mark):
-                time.sleep(0.02)
-            victims = self._rng.sample(found := sorted(workers(mark)), min(1, len(found)))
+                time.sleep(POLL_S)
+            victim = self._rng.choice(sorted(workers(mark)) or [0])
         else:
-            victims = [self._cluster.scheduler if kind.victim == "scheduler" else running.pid]
-        if running.poll() is None and victims:
-            early = kind.victim == "main" and not answers(running.pid)
+            victim = self._cluster.scheduler if kind.victim == "scheduler" else running.pid
+        met = "late"
+        if running.poll() is None and victim:
+            met = "early" if kind.victim == "main" and not answers(running.pid) else "in time"
             with suppress(ProcessLookupError):
-                os.kill(victims[0], kind.by)
+                os.kill(victim, kind.by)
         try:
-            return running.wait(PATIENCE_S), early
+            return running.wait(PATIENCE_S), met
         except subprocess.TimeoutExpired:
             running.kill()
             running.wait()
-            return 124, False
+            return 124, met
 
     def _leftovers(self) -> list[str]:
         """Processes that outlive the command; they are ended."""
@@ -157,17 +180,17 @@ class Series:
         return [f"left over: {line}" for line in lines]
 
 
-def _complaints(kind: Kind, code: int, early: bool, lines: list[str], done: int) -> list[str]:
+def _complaints(kind: Kind, code: int, met: str, lines: list[str], done: int) -> list[str]:
     """What is wrong with how a command ended that was disturbed."""
     polite = kind.victim == "main" and kind.by != signal.SIGKILL
     allowed = {done}
     if kind.victim == "main":
-        allowed.add(130 if polite and not early else -kind.by)
+        allowed.add(130 if polite and met != "early" else -kind.by)
     elif kind.victim == "scheduler":
         allowed.add(3)
     found = [] if code in allowed else [f"exit code {code}"]
-    if early:  # nothing of the twin's was there to answer
-        return found if polite else []
+    if met == "early":  # nothing of the twin's was there to answer
+        return found
     if any("Traceback" in line for line in lines):
         found.append("traceback")
     if len(lines) != (code in {3, 130}):
@@ -205,10 +228,12 @@ def main() -> None:
     by_kind: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
         by_kind[str(verdict.kind)].append(verdict)
-    print(f"\n{'kind':52} kills  lost trials  complaints")
-    for kind, found in sorted(by_kind.items()):
-        print(f"{kind:52} {len(found):5} {sum(v.lost for v in found):12} {sum(map(len, (v.complaints for v in found))):11}")
-    print(f"{'all':52} {len(verdicts):5} {sum(v.lost for v in verdicts):12} {sum(len(v.complaints) for v in verdicts):11}")
+    print(f"\n{'kind':52} kills  in time  lost trials  complaints")
+    for kind, found in [*sorted(by_kind.items()), ("all", verdicts)]:
+        in_time, lost, complaints = (
+            sum(of(v) for v in found) for of in (lambda v: v.met == "in time", lambda v: v.lost, lambda v: len(v.complaints))
+        )
+        print(f"{kind:52} {len(found):5} {in_time:8} {lost:12} {complaints:11}")
     sys.exit(any(verdict.complaints for verdict in verdicts))
 
 
