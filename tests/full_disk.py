@@ -15,6 +15,7 @@ import random
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -200,6 +201,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", action="append", choices=list(COMMANDS), help="this command alone (may be repeated)")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # the disk is unmounted even so
     cases = list[Case]()
     try:
         for case in fill(chosen.seed, chosen.sizes, tuple(chosen.only or COMMANDS)):

@@ -78,11 +78,14 @@ class Series:
 
     def run(self, count: int, kinds: tuple[str, ...] = ()) -> None:
         """So many kills; only of some commands, if they are named."""
+        self.run_these([(kind, share) for kind, share in drawn(count, self._rng) if not kinds or kind.command in kinds])
+
+    def run_these(self, cases: list[tuple[Kind, float]]) -> None:
+        """Kills of these kinds, after these shares of the work; whatever happens, no process is left."""
         try:
-            for kind, share in drawn(count, self._rng):
-                if not kinds or kind.command in kinds:
-                    self.verdicts.append(self._kill(kind, share, self._folder / f"case-{len(self.verdicts)}"))
-                    print(f"{len(self.verdicts):3}  {self.verdicts[-1]}", flush=True)
+            for kind, share in cases:
+                self.verdicts.append(self._kill(kind, share, self._folder / f"case-{len(self.verdicts)}"))
+                print(f"{len(self.verdicts):3}  {self.verdicts[-1]}", flush=True)
         finally:
             self._cluster.stop()
             end_marked(self._mark)
@@ -224,6 +227,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", action="append", choices=list(COMMANDS), default=[], help="kills of this command alone, of those drawn")
     chosen = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # its own processes are ended even so
     verdicts = kills(chosen.seed, chosen.n, tuple(chosen.only))
     by_kind: dict[str, list[Verdict]] = defaultdict(list)
     for verdict in verdicts:
