@@ -101,7 +101,7 @@ class Series:
         (folder / "campaign.toml").write_text(CAMPAIGN)
         log = self._folder / "log.parquet"
         if not log.exists():
-            short = ("--trials", 2, "--record-trials", 2, "--set", "run.ticks=200", "--without", "report", "--without", "recording")
+            short = ("--trials", 2, "--record-trials", 2, "--set", "run.ticks=60", "--without", "report", "--without", "recording")
             assert call(("run", "nacs/fault-free", *short, "--also", "log", "--out", "made"), folder, PATIENCE_S).code == 0
             shutil.move(folder / "made" / "log.parquet", log)
         shutil.copy(log, folder)
