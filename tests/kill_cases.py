@@ -82,8 +82,20 @@ def start(arguments: tuple[str, ...], folder: Path, mark: str, said: Path) -> su
     environment.pop("NACS_TRACEBACK", None)
     with said.open("wb") as err:
         return subprocess.Popen(
-            [sys.executable, *arguments], cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=err, start_new_session=True
+            [sys.executable, *arguments],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=err,
+            start_new_session=True,
+            preexec_fn=_hear,  # noqa: PLW1509  # nothing has threads here
         )
+
+
+def _hear() -> None:
+    """Heed all signals, also if the series runs in the background or under `nohup`: what is ignored is inherited."""
+    for number in (INT, HUP, TERM):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def marked(mark: str) -> list[int]:
