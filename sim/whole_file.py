@@ -11,6 +11,8 @@ from secrets import token_hex
 
 _TEMPORARY = re.compile(r"\..*-(\d+)-[0-9a-f]{8}\.part(\..*)?")  # as `whole_file` names them, with the number of the process
 
+_MINE = set[str]()  # names of what this process writes now
+
 
 class NotWritten(OSError):
     """A file cannot be written; the message is one line, and what was in its place before is there still."""
@@ -27,6 +29,7 @@ def whole_file(path: Path) -> Iterator[Path]:
       NotWritten: the block or the file system refused; what was there before is there still.
     """
     temporary = path.with_name(f".{path.stem}-{os.getpid()}-{token_hex(4)}.part{path.suffix}")
+    _MINE.add(temporary.name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -39,6 +42,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+        _MINE.discard(temporary.name)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -48,10 +52,13 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove what processes left that were killed while they wrote a file of a folder; those that still run keep theirs."""
+    """Remove what processes left that were killed while they wrote a file of a folder; those that still run keep theirs.
+
+    In a container that is started again this process may have the very number of the one that was killed.
+    """
     for path in folder.glob(".*.part*"):
         found = _TEMPORARY.fullmatch(path.name)
-        if found and not _runs(int(found[1])):
+        if found and path.name not in _MINE and (int(found[1]) == os.getpid() or not _runs(int(found[1]))):
             path.unlink(missing_ok=True)
 
 

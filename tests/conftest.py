@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import pytest
 from matplotlib.figure import Figure
 
-from sim.cli import main as cli
-from sim.cli import terminal
+from sim.cli import command, terminal
 from sim.series import raster
 
 
@@ -24,17 +23,13 @@ def nacs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tm
     """The command, run in an empty folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    monkeypatch.setenv(cli.SHOW_TRACEBACK, "1")  # what nobody expected fails a test with all that is known of it
+    monkeypatch.setenv(command.SHOW_TRACEBACK, "1")  # what nobody expected fails a test with all that is known of it
 
     def call(*arguments: object) -> Outcome:
         for console in (terminal.out, terminal.err):  # they may have been made where COLUMNS was another
             monkeypatch.setattr(console, "width", int(os.environ["COLUMNS"]))
         monkeypatch.setattr(sys, "argv", ["nacs", *map(str, arguments)])
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
+        code = command.command()
         captured = capsys.readouterr()
         return Outcome(code, captured.out, captured.err)
 

@@ -16,8 +16,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from sim.cli import main as cli
-from sim.cli import terminal
+from sim.cli import command, main, terminal
 
 HUNG = 124  # exit code of what was ended for taking too long
 EXITS = (0, 1, 2, 3, 130)  # 1: a cross-check that fails
@@ -106,15 +105,14 @@ def _become(arguments: list[str], folder: Path, paths: list[Path], seconds: floa
         resource.setrlimit(resource.RLIMIT_AS, (held + mebibytes * MEBI,) * 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         warnings.resetwarnings()
-        os.environ.pop(cli.SHOW_TRACEBACK, None)
+        os.environ.pop(command.SHOW_TRACEBACK, None)
         os.chdir(folder)
         for console in (terminal.out, terminal.err):
             console.file = None  # whatever is sys.stdout and sys.stderr now
             console.width = 200
         sys.argv = ["nacs", *arguments]
         try:
-            cli.main()
-            code = 0
+            main.main()
         except SystemExit as stop:
             code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except BaseException:

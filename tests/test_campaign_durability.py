@@ -235,6 +235,45 @@ def test_what_a_campaign_cannot_do_leaves_nothing(nacs, tmp_path: Path) -> None:
     assert "--overwrite" not in result.err
 
 
+def test_resume_begins_what_was_killed_before_its_manifest(nacs, tmp_path: Path) -> None:
+    file = write(tmp_path / "in")
+    (tmp_path / "it").mkdir()
+    (tmp_path / "it" / ".manifest-999999999-01234567.part.json").write_text("{")
+    again = nacs("campaign", file, "--out", "it", "--resume", "--workers", 1)
+    assert again.code == 0, again.err
+    assert sorted(path.name for path in (tmp_path / "it").iterdir() if path.is_file()) == [
+        "manifest.json", "recording.rrd", "report.png", "summary.json", "trials.parquet",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_campaign_that_is_interrupted_outside_its_flight_says_how_to_go_on(
+    nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    file = write(tmp_path / "in")
+    monkeypatch.setattr(Store, "missing" if begun else "begin", interrupted)
+    result = nacs("campaign", file, "--out", "it")
+    way_on = f"go on with: nacs campaign {file} --resume --out it" if begun else "nothing was begun; the same command begins anew"
+    assert (result.code, result.err) == (130, f"interrupted: {way_on}\n")
+    assert (tmp_path / "it").exists() == begun
+
+
+def test_a_failure_that_nobody_expected_says_how_a_campaign_goes_on(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    file = write(tmp_path / "in")
+    monkeypatch.delenv("NACS_TRACEBACK")
+    monkeypatch.setattr("sim.cli.campaign._fly", refuses)
+    result = nacs("campaign", file, "--out", "it")
+    assert (result.code, result.err) == (
+        3, f"error: numeric failure: Singular matrix; go on with: nacs campaign {file} --resume --out it\n",
+    )  # fmt: skip
+
+
 # processors -------------------------------------------------------------------------------------------------------------------
 
 

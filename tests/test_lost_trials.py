@@ -43,6 +43,32 @@ def break_a_filter(system, monkeypatch) -> None:
     monkeypatch.setattr(type(estimator), "step", breaks)
 
 
+def break_lapack(system, monkeypatch) -> None:
+    """LAPACK refuses the whole stack of the last filter from a tick on, as long as one trial is in it, and does not say which."""
+    estimator = system.estimators[-1]
+    step, first, calls = type(estimator).step, type(estimator).initial, iter(range(10_000))
+    begun, refusing = [], []
+
+    def initial(self, reading):
+        if self is estimator:
+            begun.append(np.array(reading[VICTIM]))
+        return first(self, reading)
+
+    def refuses(self, belief, known, reading, dt):
+        drawn = step(self, belief, known, reading, dt)
+        if self is estimator:
+            if next(calls) == AT - 1:
+                refusing.append(True)
+            if refusing and not np.array_equal(reading[VICTIM], begun[0], equal_nan=True):
+                matrices = np.tile(np.eye(3), (len(TRIALS), 1, 1))
+                matrices[VICTIM] = np.nan
+                np.linalg.eigvals(matrices)
+        return drawn
+
+    monkeypatch.setattr(type(estimator), "initial", initial)
+    monkeypatch.setattr(type(estimator), "step", refuses)
+
+
 def break_the_physics(system, monkeypatch) -> None:
     """MuJoCo is given a torque that is no number, in one trial at one tick."""
     give, victim = type(system.effectors).give, VICTIM
@@ -68,7 +94,7 @@ def break_the_physics(system, monkeypatch) -> None:
 
 
 @every_kind
-@pytest.mark.parametrize("how", [break_a_filter, break_the_physics])
+@pytest.mark.parametrize("how", [break_a_filter, break_lapack, break_the_physics])
 def test_the_others_run_on_to_the_bit(kind: str, how, monkeypatch: pytest.MonkeyPatch) -> None:
     name, changes, loop = KINDS[kind]
     scenario = load(name, changes)
@@ -151,6 +177,37 @@ def test_a_batch_that_cannot_be_saved_ends(monkeypatch: pytest.MonkeyPatch) -> N
     assert "ekf: its innovation covariance lost definiteness" in recording.lost[0].cause
     with pytest.raises(RecordedRunFailed, match=r"failed at t = 0\.100 s"):
         run_whole(build(load("nacs/fault-free", {"run.ticks": 5}), TRIALS))
+
+
+@pytest.mark.parametrize(("part", "at"), [("decide", 5), ("start", 0)])
+def test_a_law_that_breaks_down_leaves_what_was_recorded(part: str, at: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    system = build(load("nacs/fault-free", {"run.ticks": 9}), TRIALS)
+    work, calls = getattr(type(system.law), part), iter(range(100))
+
+    def refuses(self, *told):
+        if next(calls) == at:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return work(self, *told)
+
+    monkeypatch.setattr(type(system.law), part, refuses)
+    recording = run(system)
+    assert [(lost.trial, lost.tick, lost.cause) for lost in recording.lost] == [(trial, at, "Singular matrix") for trial in TRIALS]
+    assert recording.counted == at
+    if at:
+        truth = recording.channels["truth/state"]
+        assert np.isfinite(truth[:at]).all()
+        assert np.isnan(recording.channels["ekf/mean"][at:]).all()
+
+
+def test_a_run_whose_law_breaks_down_at_once_is_one_line(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    law = type(build(load("nacs/fault-free", {"run.ticks": 9}), TRIALS).law)
+    monkeypatch.setattr(law, "decide", refuses)
+    result = nacs("run", "nacs/fault-free", "--set", "run.ticks=9", "--trials", 2, "--out", "it")
+    assert (result.code, result.err.count("\n")) == (3, 1), result.err
+    assert "trial 0 failed at t = 0.000 s: SVD did not converge" in result.err
 
 
 def test_a_failure_names_every_trial() -> None:

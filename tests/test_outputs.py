@@ -71,3 +71,12 @@ def test_an_output_of_one_file_is_offered_written_and_replaced(tmp_path: Path) -
     np.testing.assert_allclose(np.linalg.norm(table[:, 2:], axis=1), 1.0)
     run("--overwrite", "--set", "run.ticks=10")
     assert len(np.loadtxt(tmp_path / "it" / "attitude.csv", delimiter=",", skiprows=1)) == 20
+
+
+def test_an_output_is_wanted_or_not(nacs, tmp_path: Path) -> None:
+    for options in (("--also", "report", "--without", "report"), ("--export-log", "--without", "log")):
+        result = nacs(*QUICK, *options)
+        name = options[-1]
+        assert (result.code, result.err.count("\n")) == (2, 1), result.err
+        assert f"--also {name} and --without {name}: " in result.err
+        assert not (tmp_path / "it").exists()

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,8 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 from test_lost_trials import AT, VICTIM, break_a_filter
 
+import sim.cli.run
 import sim.replay.replay
-from sim.cli.signals import interruptible
+from sim.signals import Signals
 from sim.whole_file import NotWritten, remove_abandoned, whole_file, write_whole
 
 RUN = ("run", "nacs/fault-free", "--trials", 2, "--set", "run.ticks=20", "--out", "it")
@@ -198,29 +200,121 @@ def test_a_flight_of_agents_that_breaks_down_keeps_its_recording(nacs, tmp_path:
 # signals ----------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_interrupts_once_and_from_the_third_on(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+ASKING = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+@pytest.fixture
+def signals() -> Iterator[Signals]:
+    """Signals of this process, that are heard; whatever the tests are run under is put back."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    for number in before:
+        signal.signal(number, signal.default_int_handler)
+    listening = Signals()
+    listening.listen()
+    yield listening
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("name", ASKING)
+def test_a_signal_interrupts_once_and_from_the_third_on(name: str, signals: Signals) -> None:
     number = getattr(signal, name)
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        signal.signal(number, signal.default_int_handler)  # whatever the tests are run under
-        with interruptible():
-            with pytest.raises(KeyboardInterrupt):
-                os.kill(os.getpid(), number)
-            os.kill(os.getpid(), number)
-            with pytest.raises(KeyboardInterrupt):
-                os.kill(os.getpid(), number)
-        os.kill(os.getpid(), number)  # it is ending
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), number)
+    os.kill(os.getpid(), number)
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), number)
+    signals.ignore()
+    os.kill(os.getpid(), number)  # it is ending
 
 
-def test_what_the_caller_ignores_stays_ignored() -> None:
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with interruptible():
-            os.kill(os.getpid(), signal.SIGHUP)
-            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
+def test_a_signal_waits_for_the_end_of_what_must_not_be_lost(signals: Signals) -> None:
+    done = []
+
+    def work() -> None:
+        with signals.held():
+            os.kill(os.getpid(), signal.SIGTERM)
+            done.append("kept")
+        done.append("after")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["kept"]
+
+
+def test_a_signal_interrupts_the_long_part_of_it(signals: Signals) -> None:
+    done = []
+
+    def work() -> None:
+        with signals.heeded():
+            os.kill(os.getpid(), signal.SIGTERM)
+            done.append("not")
+
+    with signals.held():
+        with pytest.raises(KeyboardInterrupt):
+            work()
+        done.append("kept")
+    assert done == ["kept"]
+
+
+def test_what_the_caller_ignores_stays_ignored(signals: Signals) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signals.listen()
+    os.kill(os.getpid(), signal.SIGHUP)
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+
+@pytest.mark.parametrize("name", ASKING)
+@pytest.mark.parametrize("module", ["numpy", "typer"])
+def test_a_signal_while_modules_are_imported_is_one_line(name: str, module: str, tmp_path: Path) -> None:
+    """A module that asks its own process to end, and swallows whatever is raised in answer."""
+    asks = f"import os, signal, time\ntry:\n    os.kill(os.getpid(), signal.{name})\n    time.sleep(5)\nexcept BaseException:\n    pass\n"
+    (tmp_path / f"{module}.py").write_text(asks)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    command = [sys.executable, "-m", "sim.cli.main", "run", "nacs/fault-free", "--out", "it"]
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "interrupted: nothing was begun; the same command begins anew\n")
+    assert not (tmp_path / "it").exists()
+
+
+def test_a_signal_after_the_command_is_done_changes_nothing(tmp_path: Path) -> None:
+    script = "import atexit, os, signal, sys\nfrom sim.cli.main import main\nassert 'numpy' not in sys.modules\n"
+    script += "atexit.register(os.kill, os.getpid(), signal.SIGTERM)\nsys.argv = ['nacs', '--version']\nmain()"
+    ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("nacs ")
+
+
+def test_trials_that_are_finished_are_written_before_a_signal_is_heeded(
+    nacs, signals: Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim.cli.run.SIGNALS", signals)
+    joined = sim.cli.run.join
+
+    def asked(blocks: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGTERM)
+        return joined(blocks)
+
+    monkeypatch.setattr("sim.cli.run.join", asked)
+    result = nacs(*RUN)
+    assert (result.code, result.err.count("\n")) == (130, 1), result.err
+    assert "what was written until then is whole, in it; the same command with --overwrite writes all" in result.err
+    assert set(contents(tmp_path / "it")) == {"summary.json", "trials.parquet"}
+    assert json.loads((tmp_path / "it" / "summary.json").read_text())["trials"] == 2
+
+
+def test_an_interruption_where_nothing_is_to_be_kept_is_one_line(nacs, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sim.cli.run.load", interrupted)
+    result = nacs(*RUN)
+    assert (result.code, result.err) == (130, "interrupted: nothing was begun; the same command begins anew\n")
+
+
+def test_what_a_killed_run_left_half_written_is_gone_after_the_next(nacs, tmp_path: Path) -> None:
+    (tmp_path / "it").mkdir()
+    for name in (f".report-{os.getpid()}-01234567.part.png", ".summary-999999999-01234567.part.json"):  # once of our own number
+        (tmp_path / "it" / name).write_text("half")
+    assert nacs(*RUN, *LEAN, "--overwrite").code == 0
+    assert set(contents(tmp_path / "it")) == {"summary.json", "trials.parquet"}

@@ -79,7 +79,7 @@ def simulate(
         try:
             own_variants = variants.only(np.flatnonzero(np.isin(trials, alive))) if variants else None
             more, findings = identified(scenario, flown, lambda single: build(single, alive, user_code, own_variants))
-        except SimulationFailed as failure:
+        except (SimulationFailed, np.linalg.LinAlgError) as failure:
             return TrialBlock(alive, [], recordings, tuple(lost.values()), f"identification: {failure}")
         metrics += [metric.at(alive, trials) for metric in more]
         if (adaptive := recordings.get(settings.adaptive)) is not None:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
 from sim.campaign.blocks import TRIALS_PER_BLOCK
+from sim.text.table_style import counted
 
 # Rough lower bounds, well below what any processor took: of a trial, its control tick in a loop, its physics step, and a particle's step
 TICK_S, STEP_S, PARTICLE_S = 1e-5, 1e-6, 1e-7
@@ -53,7 +54,7 @@ def cost(scenario: Any, trials: int, workers: int = 1, kept: bool = True) -> Cos
 def check(scenario: Any, trials: int, workers: int = 1, kept: bool = True) -> list[str]:
     """A line if it takes long; raises BadInput if it takes more than a month, or more memory than there is."""
     least = cost(scenario, trials, workers, kept)
-    what = f"{trials} trial{'s' * (trials != 1)} of {scenario.run.ticks} ticks"
+    what = f"{counted(trials, 'trial')} of {scenario.run.ticks} ticks"
     if least.seconds > LONGEST_S:
         raise BadInput(f"{what} would take at least {least}; fewer trials, ticks or physics steps a tick can be paid")
     if least.bytes > (here := _memory()):

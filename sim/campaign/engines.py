@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar
 from sim.bad_input import BadInput
 from sim.campaign.worker_processes import AGAIN, WorkersLost, deaf_children, in_processes
 from sim.processor import processor
+from sim.signals import SIGNALS
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -99,7 +100,7 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[Dask]:
         from dask.distributed import Client, LocalCluster  # noqa: PLC0415
     except ImportError:
         raise BadInput("--engine dask needs dask.distributed: pip install 'nacs-twin[cluster]'") from None
-    with ExitStack() as stack:
+    with SIGNALS.held(), ExitStack() as stack:  # what is interrupted while it starts or ends a cluster leaves processes behind
         stack.callback(logging.disable, logging.root.manager.disable)
         logging.disable(logging.CRITICAL)  # what is lost is told in one line, not by each part of the cluster that misses it
         stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": AGAIN}))
@@ -122,7 +123,8 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[Dask]:
         except (OSError, TimeoutError, ValueError) as refused:
             what = f"--scheduler {scheduler}: no dask scheduler answers there" if scheduler else "--engine dask: no local cluster starts"
             raise BadInput(f"{what} ({type(refused).__name__}: {refused})") from None
-        yield Dask(client)
+        with SIGNALS.heeded():
+            yield Dask(client)
 
 
 @contextmanager

@@ -53,9 +53,21 @@ class Store:
             folder / "shards", hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest(), campaign.seed
         )
 
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is something to go on with."""
+        return (self.folder / "manifest.json").is_file()
+
     def check(self) -> None:
-        """Check that the folder is of the same campaign and the same code, whatever its files are called; tidy it. Raises BadInput."""
+        """Check that the folder is of the same campaign and the same code, whatever its files are called; tidy it.
+
+        A folder in which a killed process did not even finish the manifest is one that is to be begun. Raises BadInput.
+        """
         path = self.folder / "manifest.json"
+        if self.folder.is_dir():
+            remove_abandoned(self.folder)
+            if not any(self.folder.iterdir()):
+                return
         try:
             old = _manifest(json.loads(path.read_bytes()))
         except (OSError, ValueError, RecursionError):
@@ -71,8 +83,7 @@ class Store:
                 f"--resume: the twin's code or its libraries changed since {self.folder} was begun; start anew with another --out"
             )
         self.processors = tuple(old["processors"])
-        for folder in (self.folder, self.shards.folder):
-            remove_abandoned(folder)
+        remove_abandoned(self.shards.folder)
 
     def begin(self, processors: set[str], mixed: bool) -> None:
         """Write the manifest, once all else was checked.

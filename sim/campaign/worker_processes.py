@@ -13,6 +13,9 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
+from sim.signals import SIGNALS
+from sim.text.table_style import counted
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -24,7 +27,7 @@ class WorkersLost(RuntimeError):
 
     def __init__(self, jobs: int) -> None:
         super().__init__(
-            f"{jobs} block{'s' * (jobs > 1)} of trials could not be flown: the worker process was lost {AGAIN + 1} times "
+            f"{counted(jobs, 'block')} of trials could not be flown: the worker process was lost {AGAIN + 1} times "
             "(killed, or out of memory? fewer trials together or fewer --workers need less)"
         )
 
@@ -41,20 +44,22 @@ def in_processes(function: Callable[[Job], Result], jobs: list[Job], workers: in
       WorkersLost: after all other results, if workers were lost over some jobs AGAIN times more.
     """
     left = deque((job, 0) for job in jobs)
-    idle = [one_process() for _ in range(min(workers, len(jobs)))]
+    with SIGNALS.held():  # a process that is interrupted while it starts another leaves it behind
+        idle = [one_process() for _ in range(min(workers, len(jobs)))]
     busy: dict[Future[Result], tuple[ProcessPoolExecutor, Job, int]] = {}
     given_up = 0
     results = list[Result]()
     try:
         while left or busy:
             while left and idle:
-                job, losses = left.popleft()
-                pool = idle.pop()
-                try:
-                    busy[_submit(pool, function, job)] = pool, job, losses
-                except BrokenProcessPool:  # it was lost while it had nothing to do
-                    left.appendleft((job, losses))
-                    idle.append(one_process())
+                with SIGNALS.held():
+                    job, losses = left.popleft()
+                    pool = idle.pop()
+                    try:
+                        busy[_submit(pool, function, job)] = pool, job, losses
+                    except BrokenProcessPool:  # it was lost while it had nothing to do
+                        left.appendleft((job, losses))
+                        idle.append(one_process())
             yield from results  # the workers are busy again while these are dealt with
             results = []
             done, _ = wait(busy, return_when=FIRST_COMPLETED)

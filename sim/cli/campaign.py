@@ -44,6 +44,7 @@ from sim.outputs.recording import how_to_open
 from sim.processor import described
 from sim.scenario import files
 from sim.scenario.validation import first_error
+from sim.signals import AS_BEFORE, SIGNALS
 from sim.tables import one_body as tables
 from sim.text.table_style import counted
 from sim.text.toml_text import is_there
@@ -105,17 +106,24 @@ def campaign(
             store.begin(running.processors(), mixed)
             todo, damaged = store.missing(jobs)
             if damaged:
-                err.print(f"warning: {damaged} shard{'s are' if damaged > 1 else ' is'} damaged and flown again", style="yellow")
+                err.print(f"warning: {counted(damaged, 'shard')} {'are' if damaged > 1 else 'is'} damaged and flown again", style="yellow")
             ended = _fly(todo, store, running, mixed)
+        if ended.left:
+            everything = sum(job.stop - job.start for job in jobs)
+            err.print(f"{ended.reason}: {ended.left} of {counted(everything, 'trial')} are left; go on with: {again}")
+            raise typer.Exit(ended.code)
+        with interrupted_as(f"all trials are flown and kept; sum them up with: {again}"):
+            _conclude(loaded, jobs, store, time.perf_counter() - started, again)
+    except KeyboardInterrupt:
+        err.print(f"interrupted: go on with: {again}" if store.is_begun else AS_BEFORE)
+        raise typer.Exit(INTERRUPTED) from None
     except NotWritten as refused:
-        err.print(f"error: {refused}", style="red", markup=False)
+        err.print(f"error: {refused}", style="red")
         raise typer.Exit(FAILED) from None
-    if ended.left:
-        everything = sum(job.stop - job.start for job in jobs)
-        err.print(f"{ended.reason}: {ended.left} of {everything} trials are left; go on with: {again}", markup=False)
-        raise typer.Exit(ended.code)
-    with interrupted_as(f"all trials are flown and kept; sum them up with: {again}"):
-        _conclude(loaded, jobs, store, time.perf_counter() - started, again)
+    except Exception as wrong:
+        if store.is_begun and not isinstance(wrong, BadInput | typer.Exit):
+            wrong.add_note(f"go on with: {again}")
+        raise
 
 
 def _load(file: str, trials: int | None, seed: int | None, shard: int | None, workers: int) -> Campaign:
@@ -170,8 +178,9 @@ def _fly(todo: list[Job], store: Store, running: Engine, mixed: bool) -> Ended:
         with Progress(*columns, console=err, transient=True, speed_estimate_period=120, disable=not err.is_terminal) as bar:
             task = bar.add_task("trials", total=left)
             for done in running.map(fly, todo):
-                store.keep(done, mixed)
-                left -= size[done.point, done.start]
+                with SIGNALS.held():
+                    store.keep(done, mixed)
+                    left -= size[done.point, done.start]
                 bar.advance(task, size[done.point, done.start])
     except KeyboardInterrupt:
         return Ended(left, INTERRUPTED, "interrupted")
@@ -186,10 +195,10 @@ def _conclude(loaded: Campaign, jobs: list[Job], store: Store, wall: float, agai
     try:
         _sum_up(loaded, jobs, store, wall, results)
     except (NotWritten, DamagedShard) as broken:
-        err.print(f"error: {broken}; all trials are flown and kept, sum them up with: {again}", style="red", markup=False)
+        err.print(f"error: {broken}; all trials are flown and kept, sum them up with: {again}", style="red")
         raise typer.Exit(FAILED) from None
     if results.refusal:
-        err.print(f"error: {results.refusal}; all trials are kept, sum them up with: {again}", style="red", markup=False)
+        err.print(f"error: {results.refusal}; all trials are kept, sum them up with: {again}", style="red")
         raise typer.Exit(FAILED)
 
 

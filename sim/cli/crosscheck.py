@@ -73,7 +73,7 @@ def crosscheck(
     ) as bar:
         task = bar.add_task("")
         try:
-            with interrupted_as("nothing was written"):
+            with interrupted_as("nothing was written; the same command begins anew"):
                 found = examine(
                     loaded,
                     family,
@@ -87,22 +87,22 @@ def crosscheck(
             raise typer.Exit(FAILED) from None
     wall = time.perf_counter() - started
     files = ResultFiles(target)
-    with interrupted_as(f"what was written until then is whole, in {target}"):
+    with interrupted_as(f"what was written until then is whole, in {target}; the same command with --overwrite writes all"):
         _write(files, name, loaded, found, wall)
         if overwrite:
             files.remove_others(FILES)
-    out.print(Text.assemble((f"Cross-check of {chosen.name}", "bold"), f" with {name}: {loaded.title}\n"))
-    for table in tables(found):
-        out.print(table)
-    if PICTURE in files:
-        out.print(f"Picture    {target / PICTURE}")
-    if RECORDING in files:
-        out.print(f"Recording  {target / RECORDING}")
-        out.print(f"Open it    {how_to_open(target / RECORDING)}", soft_wrap=True)
-    files.end_if_refused()
-    if not found.passed:
-        err.print("a check fails, or something printed does not fail as it must: see the tables", style="red")
-        raise typer.Exit(CHECK_FAILED)
+        out.print(Text.assemble((f"Cross-check of {chosen.name}", "bold"), f" with {name}: {loaded.title}\n"))
+        for table in tables(found):
+            out.print(table)
+        if PICTURE in files:
+            out.print(f"Picture    {target / PICTURE}")
+        if RECORDING in files:
+            out.print(f"Recording  {target / RECORDING}")
+            out.print(f"Open it    {how_to_open(target / RECORDING)}", soft_wrap=True)
+        files.end_if_refused()
+        if not found.passed:
+            err.print("a check fails, or something printed does not fail as it must: see the tables", style="red")
+            raise typer.Exit(CHECK_FAILED)
 
 
 def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None, folder: Path | None, overwrite: bool) -> None:
@@ -116,7 +116,10 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
     try:
-        with interrupted_as("nothing was written"), err.status(f"flying {counted(loaded.run.trials, 'trial')} and their models"):
+        with (
+            interrupted_as("nothing was written; the same command begins anew"),
+            err.status(f"flying {counted(loaded.run.trials, 'trial')} and their models"),
+        ):
             found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
     except SimulationFailed as failure:
         err.print(f"error: {failure}; nothing was written")
@@ -131,18 +134,18 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     wall = time.perf_counter() - started
     seconds = run.tick_s * run.ticks * run.trials
     files = ResultFiles(target)
-    with interrupted_as(f"what was written until then is whole, in {target}"):
+    with interrupted_as(f"what was written until then is whole, in {target}; the same command with --overwrite writes all"):
         files.write(SUMMARY, lambda path: write_summary(path, name, run.seed, run.trials, wall, seconds, values, passed=found.passed))
         files.write(PICTURE, lambda path: write_agents_picture(path, name, found))
         if overwrite:
             files.remove_others(FILES)
-    out.print(Text.assemble((f"Cross-check of {name}", "bold"), f": {loaded.title}\n"))
-    out.print(divergence(found))
-    if PICTURE in files:
-        out.print(f"Picture    {target / PICTURE}")
-    files.end_if_refused()
-    if not found.passed:
-        raise typer.Exit(CHECK_FAILED)
+        out.print(Text.assemble((f"Cross-check of {name}", "bold"), f": {loaded.title}\n"))
+        out.print(divergence(found))
+        if PICTURE in files:
+            out.print(f"Picture    {target / PICTURE}")
+        files.end_if_refused()
+        if not found.passed:
+            raise typer.Exit(CHECK_FAILED)
 
 
 def _instants(loaded: Scenario, at: list[float] | None, usual: tuple[float, ...]) -> tuple[float, ...]:

@@ -18,6 +18,7 @@ from sim.metrics.results import Row, rows, write_summary
 from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.signals import SIGNALS
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
 
@@ -93,48 +94,54 @@ def replay(
         err.print(f"warning: {note}", style="yellow")
     started = time.perf_counter()
     replayed, stopped = list[Replayed](), False
-    try:
-        for block in blocks:
-            replayed.append(run_over(block, chosen[block.loop][0], user_code))
-    except KeyboardInterrupt:
-        stopped = True
-    wall = time.perf_counter() - started
-    lost = [one for block in replayed for one in block.recording.lost]
-    whole = [sound for block in replayed if len((sound := block.sound()).recording.trials)]
-    parts = [part for block in replayed for part in block.broken()]
-    if not whole and not parts:
-        err.print("interrupted: nothing was replayed yet, nothing was written" if stopped else f"error: {lost[0]}", markup=False)
-        raise typer.Exit(INTERRUPTED if stopped else FAILED)
-    trials = len({int(trial) for one in whole for trial in one.recording.trials})
-    seconds = sum(float((one.recording.time[-1] + one.recording.dt) * len(one.recording.trials)) for one in (*whole, *parts))
     files = ResultFiles(target)
-    with interrupted_as(f"what was written until then is whole, in {target}"):
-        table = pa.concat_tables([estimates(one) for one in (*whole, *parts)], promote_options="default")
-        metrics = evaluate(whole, scenario) if whole else []
-        files.write(ESTIMATES, lambda path: pq.write_table(table, path))
-        files.write(
-            SUMMARY,
-            lambda path: write_summary(path, str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described),
-        )
+    with interrupted_as(f"what was written until then is whole, in {target}; the same command with --overwrite writes all"):
+        with SIGNALS.held():  # from the first part that is replayed until it is on the disk
+            try:
+                with SIGNALS.heeded():
+                    for block in blocks:
+                        replayed.append(run_over(block, chosen[block.loop][0], user_code))
+            except KeyboardInterrupt:
+                stopped = True
+            wall = time.perf_counter() - started
+            lost = [one for block in replayed for one in block.recording.lost]
+            whole = [sound for block in replayed if len((sound := block.sound()).recording.trials)]
+            parts = [part for block in replayed for part in block.broken()]
+            if not whole and not parts:
+                nothing = "interrupted: nothing was replayed yet, nothing was written; the same command begins anew"
+                err.print(nothing if stopped else f"error: {lost[0]}")
+                raise typer.Exit(INTERRUPTED if stopped else FAILED)
+            trials = len({int(trial) for one in whole for trial in one.recording.trials})
+            seconds = sum(float((one.recording.time[-1] + one.recording.dt) * len(one.recording.trials)) for one in (*whole, *parts))
+            table = pa.concat_tables([estimates(one) for one in (*whole, *parts)], promote_options="default")
+            metrics = evaluate(whole, scenario) if whole else []
+            files.write(ESTIMATES, lambda path: pq.write_table(table, path))
+            files.write(
+                SUMMARY,
+                lambda path: write_summary(path, str(log), scenario.run.seed, trials, wall, seconds, metrics, **user_code.described),
+            )
         shown = (*whole, *parts)[0]
         if shown.recording.observers:
             files.write(PICTURE, lambda path: write_picture(path, f"Replay of {log.name}", shown.recording, shown.layout))
         if overwrite:
             files.remove_others(FILES)
-    what = f": {counted(trials, 'trial')}, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n"
-    out.print(Text.assemble((f"Replay of {log}", "bold"), what))
-    if statistics := rows(metrics):
-        out.print(_table(statistics))
-    for label, name in (("Estimates", ESTIMATES), ("Summary", SUMMARY), ("Picture", PICTURE)):
-        if name in files:
-            out.print(f"{label:<10} {target / name}")
-    told = [f"{lost[0]}; what was estimated until then is in {target}"] if lost else []
-    if troubles := [*told, *([files.refusal] if files.refusal else [])]:
-        err.print(f"error: {'; '.join(troubles)}", markup=False)
-        raise typer.Exit(FAILED)
-    if stopped:
-        err.print(f"interrupted: {len(replayed)} of {len(blocks)} parts of the log were replayed and are in {target}", markup=False)
-        raise typer.Exit(INTERRUPTED)
+        what = f": {counted(trials, 'trial')}, {seconds:.0f} s, filters set up for {_origin(said, scenario)}\n"
+        out.print(Text.assemble((f"Replay of {log}", "bold"), what))
+        if statistics := rows(metrics):
+            out.print(_table(statistics))
+        for label, name in (("Estimates", ESTIMATES), ("Summary", SUMMARY), ("Picture", PICTURE)):
+            if name in files:
+                out.print(f"{label:<10} {target / name}")
+        told = [f"{lost[0]}; what was estimated until then is in {target}"] if lost else []
+        if troubles := [*told, *([files.refusal] if files.refusal else [])]:
+            err.print(f"error: {'; '.join(troubles)}")
+            raise typer.Exit(FAILED)
+        if stopped:
+            err.print(
+                f"interrupted: {len(replayed)} of {len(blocks)} parts of the log were replayed and are in {target}; "
+                "the same command with --overwrite replays all"
+            )
+            raise typer.Exit(INTERRUPTED)
 
 
 def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, trust: bool) -> None:
@@ -151,7 +158,7 @@ def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, 
     line = f"{log}: {'; '.join(parts)}"
     if not trust:
         raise BadInput(f"{line}; put it right (docs/replay.md has the units), or add --trust to replay the log as it is")
-    err.print(f"warning: {line}; replayed as it is", style="yellow", markup=False)
+    err.print(f"warning: {line}; replayed as it is", style="yellow")
 
 
 def _origin(about: dict[str, object], scenario: AnyScenario) -> str:

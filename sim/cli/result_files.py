@@ -9,14 +9,15 @@ from pathlib import Path
 import typer
 
 from sim.cli.terminal import FAILED, INTERRUPTED, err
-from sim.whole_file import NotWritten, whole_file
+from sim.whole_file import NotWritten, remove_abandoned, whole_file
 
 
 class ResultFiles:
-    """Files of one folder, which is made with the first of them."""
+    """Files of one folder, which is made with the first of them; what a killed process left half written there is removed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        remove_abandoned(folder)
         self._written = set[str]()
         self._refused = list[str]()
 
@@ -52,7 +53,7 @@ class ResultFiles:
     def end_if_refused(self) -> None:
         """Leave the command, with one line, if something could not be written."""
         if self.refusal:
-            err.print(f"error: {self.refusal}", style="red", markup=False)
+            err.print(f"error: {self.refusal}", style="red")
             raise typer.Exit(FAILED)
 
 
@@ -62,5 +63,5 @@ def interrupted_as(line: str) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        err.print(f"interrupted: {line}", markup=False)
+        err.print(f"interrupted: {line}")
         raise typer.Exit(INTERRUPTED) from None

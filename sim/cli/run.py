@@ -31,6 +31,7 @@ from sim.outputs.register import OUTPUTS
 from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
+from sim.signals import SIGNALS
 from sim.tables.register import tables_of
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
@@ -91,6 +92,8 @@ def run(
     if live and workers > 1:
         raise BadInput("--live needs --workers 1: the first trial is streamed while it is simulated")
     asked = {*(also or ()), *(("log",) if export_log else ())}
+    if both := sorted(asked & {*(without or ())}):
+        raise BadInput(f"--also {both[0]} and --without {both[0]}: is it to be written or not? leave out one of the two")
     for option, named in (("--also", asked), ("--without", {*(without or ())})):
         if unknown := named - OUTPUTS.keys():
             raise BadInput(f"{option} {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
@@ -105,32 +108,33 @@ def run(
     stream = _live_stream(loaded, name, user_code) if live else None
     started = time.perf_counter()
     watched = stream.on_tick if stream else None
-    blocks, stopped, unfinished = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, watched)
-    if stream:
-        stream.close()
-    finished, metrics, recordings = join(blocks)
-    broken = sorted(one for block in blocks for one in block.lost)
-    if not recordings:
-        recordings = next((block.recordings for block in blocks if block.recordings), {})
-    wall = time.perf_counter() - started
-    reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
-    ended = RunResult(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped, unfinished)
-    if not len(finished) and not recordings:
-        ended.exit_without_result()
     files = ResultFiles(target)
-    with interrupted_as(f"what was written until then is whole, in {target}"):
-        ended.write_figures(files, **user_code.described)
+    with interrupted_as(f"what was written until then is whole, in {target}; the same command with --overwrite writes all"):
+        with SIGNALS.held():  # from the first trial that is finished until it is on the disk
+            blocks, stopped, unfinished = _simulate(loaded, source, numbers, numbers[:record_trials], workers, user_code, watched)
+            if stream:
+                stream.close()
+            finished, metrics, recordings = join(blocks)
+            broken = sorted(one for block in blocks for one in block.lost)
+            if not recordings:
+                recordings = next((block.recordings for block in blocks if block.recordings), {})
+            wall = time.perf_counter() - started
+            reasons = [block.failure for block in blocks if block.failure] + [str(one) for one in broken]
+            ended = RunResult(name, loaded, len(loaded.loop_names), len(numbers), finished, metrics, wall, reasons, stopped, unfinished)
+            if not len(finished) and not recordings:
+                ended.exit_without_result()
+            ended.write_figures(files, **user_code.described)
         if recordings:
             flown = Flown(name, loaded, recordings, user_code.law, _configuration(loaded, user_code))
             for output in written:
                 files.write(output.file, lambda path, output=output: output.write(path, flown))  # type: ignore[misc]
         if overwrite:
             files.remove_others(output.file for output in OUTPUTS.values())
-    if statistics := rows(ended.metrics):
-        ended.print_header()
-        for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
-            out.print(table)
-    ended.print_files(files)
+        if statistics := rows(ended.metrics):
+            ended.print_header()
+            for table in tables_of(statistics, loaded, len(finished), user_code.names, user_code.law):
+                out.print(table)
+        ended.print_files(files)
 
 
 def _live_stream(loaded: Any, name: str, user_code: UserCode) -> LiveStream | LiveCurves:
@@ -166,7 +170,7 @@ def _simulate(
         TimeRemainingColumn(),
     )
     try:
-        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        with SIGNALS.heeded(), Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
             seconds = loaded.run.tick_s
             task = bar.add_task(counted(len(numbers), "trial"), total=round(seconds * loaded.run.ticks * len(numbers)))
             for block in simulate_all(

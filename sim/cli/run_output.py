@@ -60,12 +60,13 @@ class RunResult:
     def _first(self) -> str:
         """The first that broke down, and how many more."""
         others = len(self.failures) - 1
-        return self.failures[0] + (f"; and {others} more trial{'s' if others > 1 else ''}" if others else "")
+        return self.failures[0] + (f"; and {counted(others, 'more trial')}" if others else "")
 
     def exit_without_result(self) -> NoReturn:
         """Leave the command without a result."""
         why = self._first if self.failures else f"{self.unfinished}; nothing was written"
-        err.print("interrupted before a trial was finished; nothing was written" if self.stopped else f"error: {why}", markup=False)
+        asked = "interrupted before a trial was finished: nothing was written; the same command begins anew"
+        err.print(asked if self.stopped else f"error: {why}")
         raise typer.Exit(INTERRUPTED if self.stopped else FAILED)
 
     def write_figures(self, files: ResultFiles, **described: Any) -> None:
@@ -94,10 +95,10 @@ class RunResult:
         recorded = f"{self._first}; what was recorded until then is in {folder}" if self.failures else None
         unfinished = f"{self.unfinished}; {kept}; the same command flies one of the others by --only-trial" if self.unfinished else None
         if troubles := [trouble for trouble in (recorded, unfinished, files.refusal) if trouble]:
-            err.print(f"error: {'; '.join(troubles)}", markup=False)
+            err.print(f"error: {'; '.join(troubles)}")
             raise typer.Exit(FAILED)
         if self.stopped:
-            err.print(f"interrupted: {kept}", markup=False)
+            err.print(f"interrupted: {kept}; the same command with --overwrite flies all")
             raise typer.Exit(INTERRUPTED)
 
 

@@ -13,7 +13,7 @@ from estimation.choice import choose
 from estimation.gaussian import LostDefiniteness
 from estimation.state_space import StateSpace
 from sim.faults.timeline import Occurrence
-from sim.loop.lost_trials import LostTrials
+from sim.loop.lost_trials import Flags, LostTrials
 from sim.loop.recorder import MULTIPLICATIVE, Recorder
 from sim.loop.recording import RecordedRunFailed, Recording
 from sim.parts import ActuatorOutput, Array, Effectors, Estimator, Feedback, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
@@ -80,7 +80,11 @@ def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, 
     ticks = -(-system.ticks // system.every)
     recorder = Recorder(system.dt * system.every, ticks, system.trials, system.estimators, keep, system.errors)
     lost = LostTrials(system.trials)
-    _run(system, recorder, lost, on_tick)
+    try:
+        _run(system, recorder, lost, on_tick)
+    except (LostDefiniteness, np.linalg.LinAlgError) as failure:  # in a first belief or a control law: nobody can say in which trial
+        lost.add_all(recorder.done, system.time(recorder.done * system.every), str(failure))
+        recorder.give_up()
     return replace(recorder.finish(system.references, system.occurrences), lost=lost.all)
 
 
@@ -151,13 +155,18 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
     after = []
     for estimator, start, before in zip(s.estimators, first[0], beliefs, strict=True):
         belief, known, reading = before, told.known, told.reading
+        position: int | None
         while True:
             try:
                 after.append(estimator.step(belief, known, reading, s.interval(tick)))
                 break
-            except LostDefiniteness as failure:
-                position, cause = estimator.blame(failure)
-                if broken.failed[position]:  # it breaks down even without that trial: nothing of the batch can be saved
+            except (LostDefiniteness, np.linalg.LinAlgError) as failure:
+                if isinstance(failure, LostDefiniteness):
+                    position, cause = estimator.blame(failure)
+                else:
+                    position = _culprit(s, estimator, (start, before), told, tick, first[1], broken.failed)
+                    cause = f"{', '.join(estimator.names)}: {failure}"
+                if position is None or broken.failed[position]:  # it breaks down even without that trial: nothing of the batch can be saved
                     broken.add_all(tick // s.every, s.time(tick), cause)
                     after.append(before)
                     break
@@ -166,6 +175,24 @@ def _observe(s: System, beliefs: tuple[Any, ...], first: Any, told: Told, tick: 
                 belief = estimator.put_back(broken.failed, start, belief)
                 known, reading = choose(broken.failed, told.rest, known), choose(broken.failed, first[1], reading)
     return tuple(after)
+
+
+def _culprit(s: System, estimator: Estimator, before: tuple[Any, Any], told: Told, tick: int, first: Array, failed: Flags) -> int | None:
+    """The first trial in which a step breaks down whatever the others do; None: there is none.
+
+    LAPACK says of a stack of matrices only that something in it is wrong, so each trial that has not `failed` is tried by itself, among
+    others at their start. `before` are the beliefs at the start and before the tick, `first` is the first reading.
+    """
+    start, belief = before
+    for position in np.flatnonzero(~failed).tolist():
+        others = np.arange(len(failed)) != position
+        known, reading = choose(others, told.rest, told.known), choose(others, first, told.reading)
+        estimator.rewind()
+        try:
+            estimator.step(estimator.put_back(others, start, belief), known, reading, s.interval(tick))
+        except (LostDefiniteness, np.linalg.LinAlgError):
+            return int(position)
+    return None
 
 
 def _acting(s: System, given: ActuatorOutput, broken: LostTrials) -> tuple[Array, Any]:

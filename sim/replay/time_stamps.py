@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.bad_input import BadInput
+from sim.text.table_style import counted
 
 Array = NDArray[np.floating]
 
@@ -40,7 +41,7 @@ def merged(label: str, one: dict[str, Array]) -> tuple[dict[str, Array], tuple[s
     first = np.concatenate([[True], np.diff(time) > 0.0])
     group = np.cumsum(first) - 1
     note = (
-        f"{label}: {len(again)} row{'s' * (len(again) > 1)} with the time stamp of the row before, first at {time[again[0]]:.12g} s; "
+        f"{label}: {counted(len(again), 'row')} with the time stamp of the row before, first at {time[again[0]]:.12g} s; "
         "such rows are taken as one reading, of each component the latest"
     )
     return {name: _latest(column, group, int(group[-1]) + 1) for name, column in one.items()}, (note,)

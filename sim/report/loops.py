@@ -23,6 +23,7 @@ from sim.series.loops import Flight, edges, flights, moving_rms, torque_unit, wi
 from sim.series.palette import WHEEL_COLORS
 from sim.series.picture_style import STYLE
 from sim.series.raster import write_png
+from sim.text.table_style import counted
 from sim.units import RPM
 
 MOST_IN_A_ROW = 6  # entries of the legend
@@ -70,7 +71,7 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         _legend(figure, several)
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         happened = dict.fromkeys((o.start_tick, o.text) for flight in several for o in flight.recording.occurrences)
-        said = [f"{name}, trial {recording.trials[0]}, {len(several)} closed loop{'s' if len(several) > 1 else ''}"]
+        said = [f"{name}, trial {recording.trials[0]}, {counted(len(several), 'closed loop')}"]
         said += ["; ".join(f"{text} at {recording.dt * start:.1f} s" for start, text in happened)] if happened else []
         said += [f"diamonds: as printed, {scenario.published.source}"] if scenario.published and restarts else []
         figure.text(0.01, 0.964, " | ".join(said), fontsize=8, color=QUIET)

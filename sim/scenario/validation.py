@@ -9,6 +9,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from sim.text.table_style import counted
+
 _SHAPES = {
     **dict.fromkeys(("model_type", "model_attributes_type", "dataclass_type", "dict_type", "mapping_type"), "a table"),
     **dict.fromkeys(("tuple_type", "list_type"), "a list"),
@@ -41,7 +43,7 @@ def _message(error: ErrorDetails, model: type[BaseModel]) -> str:
         return f"needs {last + 1} values or more" if isinstance(last, int) else "is missing"
     if error["type"] == "too_short":
         least = error["ctx"]["min_length"]
-        return f"needs {least} value{'s' * (least != 1)} or more"
+        return f"needs {counted(least, 'value')} or more"
     if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
         return _untagged(error)
     if error["type"] in _SHAPES:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.series.loops import Flight
+from sim.text.table_style import counted
 
 
 def state_timelines(several: tuple[Flight, ...]) -> dict[str, list[tuple[int, str]]]:
@@ -36,9 +37,7 @@ def events(several: tuple[Flight, ...], scenario_name: str) -> list[tuple[int, s
     happened = {o[1:] for flight in several for o in flight.recording.occurrences if o.start_tick < last}
     spared = [flight.name for flight in several if not flight.recording.occurrences]
     but = f" (not in {', '.join(spared)})" if spared else ""
-    found = [
-        (0, "INFO", f"start of {scenario_name}, trial {first.recording.trials[0]}: {len(several)} loop{'s' if len(several) > 1 else ''}")
-    ]
+    found = [(0, "INFO", f"start of {scenario_name}, trial {first.recording.trials[0]}: {counted(len(several), 'loop')}")]
     found += [(start, "ERROR", f"fault begins: {text}{but}") for start, _, _, text in happened]
     found += [(end, "INFO", f"fault ends: {text}") for _, end, _, text in happened if end < last]
     starts = sorted(start for start, *_ in happened)
