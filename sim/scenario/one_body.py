@@ -23,7 +23,7 @@ from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows, beyond, check_windows
 from sim.scenario.references import ReferenceSettings
-from sim.scenario.run import Published, RunSettings
+from sim.scenario.run import Published, RunSettings, check_steps
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
 
 Array = NDArray[np.floating]
@@ -116,11 +116,7 @@ class Scenario(Section):
         laws = laws_by_place(self.control, self.loops)
         check_laws(laws, self.observers, (info.context or {}).get("guests", ()))
         check_loops(self.loops, self.observers, self.identification)
-        steps = self.run.tick_s / self.plant.step_s
-        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-            raise ValueError(
-                f"run.tick_s: {self.run.tick_s:g} s is not a whole number of physics steps (plant.step_s = {self.plant.step_s:g} s)"
-            )
+        check_steps(self.run, self.plant.step_s, "plant.step_s")
         for key, period in self.sensors.periods_s.items():
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
