@@ -22,7 +22,8 @@ def from_euler_313(angles: Array) -> Array:
 def to_euler_313(quaternion: Array) -> Array:
     """(phi, theta, psi) rad with phi, psi in [-pi, pi], theta in [0, pi]; (..., 4) to (..., 3).
 
-    At theta = 0 and pi only the sum or difference of phi and psi is known; psi is then set to zero. What lacks a component has no angles, NaN.
+    At theta = 0 and pi only the sum or difference of phi and psi is known; psi is then set to zero. What lacks a component has no angles
+    (NaN).
     """
     known = ~np.isnan(quaternion).any(axis=-1)
     angles = np.full((*quaternion.shape[:-1], 3), np.nan)

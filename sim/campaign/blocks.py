@@ -93,8 +93,8 @@ def simulate(
 def _kept(recordings: dict[str, Recording], recorded: NDArray[np.int64], lost: tuple[LostTrial, ...]) -> dict[str, Recording]:
     """What is left of the recordings of all loops.
 
-    Of several loops the trials that broke down in none of them, or else the first that did and was recorded in all; of one loop both. All loops
-    are as long.
+    Of several loops the trials that broke down in none of them, or else the first that did and was recorded in all; of one loop both. All
+    loops are as long.
     """
     broken = [one.trial for one in _first_first(lost) if all(one.trial in recording.trials for recording in recordings.values())]
     sound = [trial for trial in recorded.tolist() if trial not in {one.trial for one in lost}]

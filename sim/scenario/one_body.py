@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from control.tracking import Target
 from models.attitude import quaternion
 from models.attitude.euler_angles import from_euler_313
 from models.plants.assembly import ImpossibleInertia
@@ -18,7 +19,7 @@ from sim.estimators.learning_settings import check_learning
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
-from sim.plant.kinds import PlantSettings, check_masses, check_speeds, check_tilt, filled
+from sim.plant.kinds import PlantSettings, beyond_wheels, check_masses, check_speeds, check_tilt, filled
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows, beyond, check_windows
@@ -58,6 +59,11 @@ class StartSettings(Section):
         if self.quaternion is not None:
             return quaternion.normalize(np.array(self.quaternion))
         return None if self.euler_313_deg is None else from_euler_313(np.radians(self.euler_313_deg))
+
+    @property
+    def rate(self) -> Array:
+        """Body rate omega_BN_B (3,) rad/s."""
+        return np.radians(self.rate_deg_s) if self.rate_rad_s is None else np.array(self.rate_rad_s)
 
 
 class Scenario(Section):
@@ -135,7 +141,11 @@ class Scenario(Section):
         check_speeds(self.plant, self.start.wheel_speed_rad_s, "start.wheel_speed_rad_s")
         if (attitude := self.start.attitude) is not None:
             check_tilt(self.plant, attitude, "start")
-        check_tilt(self.plant, self.reference.at(np.linspace(0.0, duration, INSTANTS)).q_DN, "reference")
+        check_tilt(self.plant, self._followed(duration).q_DN, "reference")
+
+    def _followed(self, duration: float) -> Target:
+        """The reference all along a run."""
+        return self.reference.at(np.linspace(0.0, duration, INSTANTS))
 
     @property
     def parts(self) -> Parts:
@@ -158,6 +168,8 @@ class Scenario(Section):
                 for name, o in self.observers.items()
                 for line in o.warnings(f"observers.{name}", self.plant.wheel_axes, self.run.tick_s)
             ),
+            *beyond_wheels(self.plant, self.start.rate, "start"),
+            *beyond_wheels(self.plant, self._followed(self.run.ticks * self.run.tick_s).omega_DN_D, "reference"),
             *filled(self.plant, self.run.ticks * self.run.tick_s),
             *(f"{line}; it counts as far as the run goes" for line in beyond(self.phases, self.run)[:1]),
         ]
