@@ -22,7 +22,7 @@ class RunSettings(Section):
 
 
 def check_steps(run: RunSettings, step_s: float, key: str, what: str = "physics steps") -> None:
-    """Raise ValueError if a control period is not a whole number of steps, with the longest step that would do; `key` is where it is set."""
+    """Raise ValueError if a control period is not a whole number of steps, with the longest that would do; `key` is where it is set."""
     steps = run.tick_s / step_s
     if abs(steps - round(steps)) > 1e-9 * max(1.0, steps) or round(steps) < 1:
         fits = f"{key} = {run.tick_s / math.ceil(steps):.6g}" if steps < MOST_STEPS else f"a longer {key}"
