@@ -69,12 +69,13 @@ def _flown(changes: dict[str, float]) -> Flight:
     scenario = load("nacs/fault-free", {"run.seed": SEED, "control.feedback": "truth", "plant.step_s": 1e-3, "observers": {}, **plant})
     system = build(scenario, np.arange(TRIALS))
     channels = run(system).channels
-    return Flight(channels["truth/state"][0], channels["applied"], system.effectors.disturbance_B, changes)
+    air: Array = system.effectors.disturbance_B  # type: ignore[attr-defined]  # those of a body have it
+    return Flight(channels["truth/state"][0], channels["applied"], air, changes)
 
 
 def _flight(flight: Flight, way: Way, tolerance: float) -> Array:
     """Attitudes after TICKS, (instants, trials, 4)."""
-    assembly = compile_nacs(NacsParameters(step_s=way.step_s, **flight.changes))  # type: ignore[arg-type]
+    assembly = compile_nacs(NacsParameters(step_s=way.step_s, **flight.changes))
     assembly.model.opt.integrator, assembly.model.opt.tolerance = way.integrator, tolerance
     plant = Plant(assembly, TRIALS)
     plant.start(flight.start[:, :4], flight.start[:, 4:7], flight.start[:, 7:])

@@ -92,7 +92,7 @@ def complaints(log: FlightLog, scenario: Any) -> list[tuple[int, str]]:
       scenario: whose plant it is said to be of.
     """
     if np.isnan(log.reading).all():
-        return [(int(log.trials[0]), "no row of any trial has a reading")]
+        return [(int(trial), "no row has a reading") for trial in log.trials]
     check, rows = CHECKS[scenario.family], slice(0, ROWS)
     return [
         (int(trial), sentence)
