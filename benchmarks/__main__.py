@@ -12,8 +12,9 @@ from benchmarks.output import output
 from benchmarks.particles import particles
 from benchmarks.physics import physics
 from benchmarks.show import machine
+from benchmarks.steps import steps
 
-TABLES = {work.__name__: work for work in (physics, filters, particles, sizes, workers, output, campaign)}
+TABLES = {work.__name__: work for work in (physics, steps, filters, particles, sizes, workers, output, campaign)}
 
 
 def main() -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+from sim.bad_input import BadInput
 from sim.scenario.catalogue import SCENARIOS
+from sim.scenario.files import load
 
 SETTINGS = [
     ("plant.mas_kg=3", ["plant.mas_kg", "unknown key", "mass_kg"]),
     ("run.ticks=many", ["run.ticks", "must be a whole number", "'many'"]),
     ("run.trials=0", ["run.trials", "greater than or equal to 1", "0"]),
     ("run.tick_s=0.0125", ["run.tick_s", "0.0125", "whole number of physics steps", "0.01"]),
+    ("run.tick_s=0.0025", ["(plant.step_s = 0.01 s); plant.step_s = 0.0025 would do"]),
+    ("run.tick_s=0.033", ["(plant.step_s = 0.01 s); plant.step_s = 0.00825 would do"]),
     ("plant.inertia_kg_m2=printed", ["plant.inertia_kg_m2", "triangle inequality", "0.173014"]),
     ("plant.inertia_kg_m2=[1,1,1,2,0,0]", ["plant.inertia_kg_m2", "not positive"]),
     ("plant.inertia_kg_m2=[1,1,1]", ["plant.inertia_kg_m2"]),
@@ -140,3 +145,24 @@ def test_a_law_that_is_too_fast_for_the_tick_is_refused_at_its_place(nacs) -> No
 def test_a_key_that_is_called_as_its_section_s_type_is_named(nacs, setting: str, said: str) -> None:
     result = nacs("run", "consensus/fault-free", "--set", setting)
     assert (result.code, result.err) == (2, f"error: consensus/fault-free.toml: {said}\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "tick_s"),
+    [("nacs/fault-free", 0.0025), ("formation/fault-free", 0.0033), ("consensus/fault-free", 0.0033), ("wmap/compare", 0.07)],
+)
+def test_a_step_that_does_not_fit_a_period_is_told_with_one_that_does(name: str, tick_s: float) -> None:
+    changes: dict[str, object] = {"run.ticks": 5, "run.tick_s": tick_s, "phases": {}, "faults": []}
+    changes = {key: value for key, value in changes.items() if key != "phases" or not name.startswith("consensus")}
+    for _ in range(3):  # the plant's step, and what some loops have of their own
+        with pytest.raises(BadInput) as refused:
+            load(name, changes)
+        found = re.search(r"; ([\w.-]+) = (\S+) would do$", str(refused.value))
+        assert found, refused.value
+        changes[found[1]] = float(found[2])
+        try:
+            assert load(name, changes).run.tick_s == tick_s
+        except BadInput:
+            continue
+        return
+    pytest.fail(f"what is said never does: {changes}")

@@ -259,6 +259,7 @@ def test_a_wrong_campaign_is_one_line_and_writes_nothing(nacs, file: Path, tmp_p
         (["none"], ["no campaign 'none'", "nacs-wheel-failure"]),
         (["none.toml"], ["no campaign file none.toml"]),
         (["nacs-wheel-failure", "--engine", "abacus"], ["--engine abacus", "local or dask"]),
+        (["nacs-wheel-failure", "--scheduler", "tcp://127.0.0.1:9"], ["--scheduler tcp://127.0.0.1:9", "--engine dask"]),
         (["nacs-wheel-failure", "--resume"], ["--resume needs --out"]),
         (["nacs-wheel-failure", "--trials", "0"], ["--trials", "at least 1"]),
     ],

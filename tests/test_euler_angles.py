@@ -32,6 +32,14 @@ def test_the_attitude_is_three_turns_of_the_frame(angles):
     np.testing.assert_allclose(attitude_matrix(from_euler_313(angles)), about_3(psi) @ about_1(theta) @ about_3(phi), atol=1e-14)
 
 
+def test_an_attitude_that_is_missing_has_no_angles_and_costs_no_other():
+    attitudes = from_euler_313(np.array([[0.3, 0.4, 0.5], [1.0, 1.1, 1.2], [-2.0, 0.7, 0.1]]))
+    attitudes[1, 2] = np.nan
+    np.testing.assert_allclose(to_euler_313(attitudes)[[0, 2]], [[0.3, 0.4, 0.5], [-2.0, 0.7, 0.1]], atol=1e-12)
+    assert np.isnan(to_euler_313(attitudes)[1]).all()
+    assert np.isnan(to_euler_313(np.full((2, 3, 4), np.nan))).all()
+
+
 @given(angles_313)
 def test_there_and_back(angles):
     np.testing.assert_allclose(to_euler_313(from_euler_313(angles)), angles, atol=1e-12)  # rounding over sin(theta)

@@ -15,7 +15,7 @@ from models.attitude import modified_rodrigues
 from models.attitude.quaternion import attitude_matrix
 from models.dynamics.process import runge_kutta
 from models.plants.assembly import ImpossibleInertia
-from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, FormationParameters, compile_formation, prepare_formation
+from models.plants.formation import BELIEVED, PHYSICAL, PRINTED, SCALED, FormationParameters, compile_formation, prepare_formation
 from models.plants.inertia import tensor, why_impossible
 from sim.campaign.blocks import simulate
 from sim.estimators.formation import agents_filter
@@ -126,6 +126,15 @@ def test_mujoco_flies_as_the_analytic_model_does_through_changes_of_inertia_and_
     np.testing.assert_allclose(figures["fkae"][:, 0], expected[:, 1], rtol=0, atol=1e-7)
     unchanged = analytic(scenario(ticks=300), 300)
     assert np.abs(unchanged - expected).max() > 0.05
+
+
+def test_products_of_inertia_are_scaled_to_a_little_less_than_a_body_can_have():
+    """Of all mass, the second moments tr(J)/2 1 - J = D - s O are positive: up to s = 1 / the greatest eigenvalue of D^-1/2 O D^-1/2."""
+    for printed, scale in zip(PRINTED[1:], SCALED[1:], strict=True):
+        whole = tensor(printed)
+        root = 1.0 / np.sqrt(np.trace(whole) / 2.0 - np.diag(whole))
+        greatest = 1.0 / np.linalg.eigvalsh(root[:, None] * (whole - np.diag(np.diag(whole))) * root)[-1]
+        assert 0.96 < scale / greatest < 0.985
 
 
 def test_inertias_are_set_body_by_body():

@@ -118,6 +118,14 @@ def test_dry_friction_that_the_log_does_not_know_makes_it_not_suspicious(frictio
     assert complaints(log_of(scenario), scenario) == []
 
 
+def test_a_log_without_a_reading_is_said_so() -> None:
+    scenario, log = flight("as published")
+    silent = log.reading * np.nan
+    assert complaints(replace(log, reading=silent), scenario) == [(0, "no row has a reading"), (1, "no row has a reading")]
+    silent[7, 1, 4] = 0.0
+    assert complaints(replace(log, reading=silent), scenario) == []
+
+
 def test_noise_alone_tells_nothing() -> None:
     """Readings that have nothing to do with each other, and a body that rests: neither fits any reading of it."""
     scenario, log = flight("as published")

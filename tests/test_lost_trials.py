@@ -164,6 +164,51 @@ def test_what_was_recorded_of_a_single_trial_is_kept(name: str, nacs, tmp_path: 
     assert (tmp_path / "it" / "recording.rrd").stat().st_size > 10_000
 
 
+EVERYBODY = {
+    "wmap/compare": (("pd-ukf", "smc-imm"), {"phases": {}}),
+    "monolithic/fault-free": (("mekf", "aukf-printed"), {"phases": {}}),
+    "antenna-mapping/panelsat": (("adaptive", "nominal"), {"phases": {}}),
+    "formation/disturbance": (("truth", "aukf"), {"phases": {}}),
+    "consensus/disturbance": (("adtl", "aukf"), {}),
+}
+
+
+@pytest.mark.parametrize("name", EVERYBODY)
+def test_where_all_trials_of_all_loops_break_down_what_was_recorded_of_one_is_kept(name: str) -> None:
+    """A push that no physics takes, at the tenth tick of every trial: loops break down together, in trials of one number."""
+    loops, changes = EVERYBODY[name]
+    scenario = load(name, {"faults": [], "run.ticks": 20, **changes})
+    tick = scenario.run.tick_s
+    force = {"kind": "external-force", "force_n": [1e300, 0.0]}
+    torque = {"kind": "external-torque", "torque_nm": {"uniform": [1e300, 1.1e300]}}
+    push = {**(force if name.startswith("consensus") else torque), "start_s": 10 * tick, "duration_s": tick}
+    scenario = load(name, {"faults": [push], "run.ticks": 20, **changes})
+    scenario = scenario.model_copy(update={"loops": {loop: scenario.loops[loop] for loop in loops}})
+    block = simulate(scenario, TRIALS, TRIALS[:1])
+    assert not len(block.trials)
+    assert [(one.trial, one.time_s) for one in block.lost] == [(trial, pytest.approx(10 * tick)) for trial in TRIALS.tolist()]
+    assert set(block.recordings) == set(loops)
+    for recording in block.recordings.values():
+        assert recording.trials.tolist() == [3]
+        assert recording.counted in (
+            10,
+            11,
+        )  # agents in the plane are pushed at the end of the tick before already, by the last stage of RK4
+
+
+def test_of_several_loops_the_first_breakdown_is_told_and_what_all_of_them_recorded_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trial 8 breaks down in the first loop and trial 3 in both, later in the second; nobody wanted trial 8 to be recorded."""
+    scenario = load("wmap/compare", {"faults": [], "phases": {}, "run.ticks": 20})
+    scenario = scenario.model_copy(update={"loops": {loop: scenario.loops[loop] for loop in ("pd-ukf", "pd-imm")}})
+    advance, calls = Plant._step, iter(range(10_000))
+    causes = {4: {2: "first"}, 6: {0: "second"}, 20 + 9: {0: "third"}}
+    monkeypatch.setattr(Plant, "_step", lambda self, steps: advance(self, steps) | causes.get(next(calls), {}))
+    block = simulate(scenario, TRIALS, TRIALS[:1])
+    assert block.trials.tolist() == [5]
+    assert [(one.trial, one.cause) for one in block.lost] == [(3, "loop pd-ukf: second"), (8, "loop pd-ukf: first")]
+    assert {name: recording.trials.tolist() for name, recording in block.recordings.items()} == {"pd-ukf": [3], "pd-imm": [3]}
+
+
 def test_a_batch_that_cannot_be_saved_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     system = build(load("nacs/fault-free", {"run.ticks": 5}), TRIALS)
     bank = type(system.estimators[0])

@@ -22,12 +22,15 @@ def from_euler_313(angles: Array) -> Array:
 def to_euler_313(quaternion: Array) -> Array:
     """(phi, theta, psi) rad with phi, psi in [-pi, pi], theta in [0, pi]; (..., 4) to (..., 3).
 
-    At theta = 0 and pi only the sum or difference of phi and psi is known; psi is then set to zero.
+    At theta = 0 and pi only the sum or difference of phi and psi is known; psi is then set to zero. What lacks a component has no angles
+    (NaN).
     """
+    known = ~np.isnan(quaternion).any(axis=-1)
+    angles = np.full((*quaternion.shape[:-1], 3), np.nan)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock", category=UserWarning)
-        angles: Array = Rotation.from_quat(quaternion.reshape(-1, 4)).as_euler(_INTRINSIC)
-    return angles.reshape(*quaternion.shape[:-1], 3)
+        angles[known] = Rotation.from_quat(quaternion[known]).as_euler(_INTRINSIC)
+    return angles
 
 
 def wrapped_difference(angle: Array, reference: Array) -> Array:

@@ -40,7 +40,7 @@ class AttitudeByRodrigues:
     def derivative(self, state: Array, command: Array) -> Array:
         """dx/dt; state [sigma, v] (..., 6) in 1 and 1/s, command (..., 3) N m on the body in B, or (..., 6) with h, N m s, after it.
 
-        Written out by component, as in `RigidBody`: fast for sigma points and particles, and the same bits whatever the batch.
+        Written out by component, as in `RigidBody`, for the same bits whatever the batch.
         """
         sigma, v = _split(state)
         omega = _body_rate(sigma, v)

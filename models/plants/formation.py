@@ -35,7 +35,7 @@ PRINTED: tuple[Sextuple, ...] = (
     (0.9, 1.2, 1.2, 0.15, 0.3, 0.4),
     (1.1, 1.0, 1.3, 0.35, 0.45, 0.5),
 )
-SCALED = (1.0, 0.788, 0.831, 0.549, 0.850, 0.607)  # of the products of inertia, the least change that makes bodies of them
+SCALED = (1.0, 0.788, 0.831, 0.549, 0.850, 0.607)  # of products of inertia: 2 to 3 % below the greatest that a body can have
 PHYSICAL: tuple[Sextuple, ...] = (
     (1.0, 1.0, 0.9, 0.1, 0.1, 0.1),
     *((xx, yy, zz, s * xy, s * xz, s * yz) for (xx, yy, zz, xy, xz, yz), s in zip(PRINTED[1:], SCALED[1:], strict=True)),

@@ -137,12 +137,17 @@ class NacsParameters(PlantParameters):
         return self.supply_voltage_v / self.motor_constant_nm_a
 
     @property
+    def wheel_momentum(self) -> float:
+        """Of a wheel at its no-load speed, N m s."""
+        return self.wheel_inertia_kg_m2 * self.no_load_speed
+
+    @property
     def filled_s(self) -> float:
         """Time after which gravity on the centre of mass has run the wheels of a level testbed that holds its attitude to no-load speed."""
         x, y, _ = self.centre_of_mass
         torque = self.mass_kg * self.gravity_m_s2 * np.array([-y, x, 0.0])
         share = float(np.max(np.abs(np.linalg.pinv(self.wheel_axes) @ torque)))
-        return self.wheel_inertia_kg_m2 * self.no_load_speed / share if share > 0 else np.inf
+        return self.wheel_momentum / share if share > 0 else np.inf
 
     def process(
         self, coupled: bool = False, gyroscopic_sign: float = -1.0, wheel_drag: bool = False, fault: WheelFault | None = None
@@ -277,6 +282,7 @@ PLANT_KIND = PlantKind(
     joints=_joints,
     tilt_limit_deg=TILT_LIMIT_DEG,
     no_load_speed=lambda parameters: parameters.no_load_speed,
+    wheel_momentum=lambda parameters: parameters.wheel_momentum,
     filled_s=lambda parameters: parameters.filled_s,
     dispersible=(
         "inertia_kg_m2",

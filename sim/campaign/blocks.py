@@ -58,7 +58,9 @@ def simulate(
     for name in scenario.loop_names:
         system = build(scenario, trials, user_code, variants, name)
         recording = run(system, partial(on_tick, name) if on_tick else None, recorded)
-        lost |= {one.trial: one if name == "loop" else one._replace(cause=f"loop {name}: {one.cause}") for one in reversed(recording.lost)}
+        for one in recording.lost:
+            told = one if name == "loop" else one._replace(cause=f"loop {name}: {one.cause}")
+            lost[one.trial] = min(lost.get(one.trial, told), told, key=lambda broken: broken.tick)
         sound = recording.sound()
         if len(sound.flown):
             metrics += [metric.at(sound.flown, trials) for metric in evaluate(scenario, name, system, sound)]
@@ -91,10 +93,11 @@ def simulate(
 def _kept(recordings: dict[str, Recording], recorded: NDArray[np.int64], lost: tuple[LostTrial, ...]) -> dict[str, Recording]:
     """What is left of the recordings of all loops.
 
-    Of several loops the trials that broke down in none of them, or else the first that did; of one loop both. All loops are as long.
+    Of several loops the trials that broke down in none of them, or else the first that did and was recorded in all; of one loop both. All
+    loops are as long.
     """
-    broken = [one.trial for one in sorted(lost, key=lambda one: one.tick)]
-    sound = [trial for trial in recorded.tolist() if trial not in broken]
+    broken = [one.trial for one in _first_first(lost) if all(one.trial in recording.trials for recording in recordings.values())]
+    sound = [trial for trial in recorded.tolist() if trial not in {one.trial for one in lost}]
     keep = [*recorded.tolist(), *broken[:1]] if len(recordings) == 1 else sound or broken[:1]
     kept = {name: recording.select(np.flatnonzero(np.isin(recording.trials, keep))) for name, recording in recordings.items()}
     kept = {name: recording for name, recording in kept.items() if len(recording.trials)}
@@ -104,8 +107,13 @@ def _kept(recordings: dict[str, Recording], recorded: NDArray[np.int64], lost: t
 
 def _worth_recording(recording: Recording, recorded: NDArray[np.int64]) -> NDArray[np.int64]:
     """Trials that are to be recorded; the first that broke down too, so that it can be looked at."""
-    broken = [one.trial for one in sorted(recording.lost, key=lambda one: one.tick)[:1]]
+    broken = [one.trial for one in _first_first(recording.lost)[:1]]
     return np.array([*recorded.tolist(), *broken], dtype=np.int64)
+
+
+def _first_first(lost: tuple[LostTrial, ...]) -> list[LostTrial]:
+    """By the tick at which they broke down, and of one tick by number: whoever asks gets the same first one."""
+    return sorted(lost, key=lambda one: (one.tick, one.trial))
 
 
 def simulate_all(

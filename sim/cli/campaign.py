@@ -80,6 +80,8 @@ def campaign(
     """Fly a campaign: a scenario with dispersions and grids over many trials."""
     if engine_name not in ("local", "dask"):
         raise BadInput(f"--engine {engine_name}: must be local or dask")
+    if scheduler is not None and engine_name != "dask":
+        raise BadInput(f"--scheduler {scheduler}: is dask's; add --engine dask")
     if resume and folder is None:
         raise BadInput("--resume needs --out: the folder of the campaign to go on with")
     loaded = _load(file, trials, seed, shard, workers)

@@ -141,7 +141,7 @@ def _plant(assembly: Assembly, scenario: Scenario, variants: Variants, trials: N
     turn = spread * randomness.normals(scenario.run.seed, trials, Stream.START, 1, 3)[0]
     near = np.stack([_attitude(start, target) for start in variants.starts])
     attitude = quaternion.multiply(quaternion.from_rotation_vector(turn), near)
-    rate = np.array([np.radians(start.rate_deg_s) if start.rate_rad_s is None else start.rate_rad_s for start in variants.starts])
+    rate = np.array([start.rate for start in variants.starts])
     speeds = np.array([start.wheel_speed_rad_s for start in variants.starts])[:, : len(assembly.wheel_joints)]
     plant.start(attitude, rate, speeds)
     held = [kind_of(scenario.plant).holds(one) for one in variants.plants]

@@ -74,6 +74,18 @@ def check_speeds(plant: Parameters, speeds: tuple[float, ...], what: str) -> Non
         raise ValueError(f"{what}: {greatest:g} rad/s is beyond the no-load speed of the drives, {no_load_speed(plant):.4g} rad/s")
 
 
+def beyond_wheels(plant: BodyParameters, rates_B: Array, what: str) -> list[str]:
+    """A line if a body's wheels cannot hold what it would have at rates (..., 3) rad/s in B, shared as evenly as squares add up least."""
+    wheel_momentum = kind_of(plant).wheel_momentum
+    if wheel_momentum is None:
+        return []
+    shares = np.abs(rates_B @ plant.inertia @ np.linalg.pinv(plant.wheel_axes).T)  # N m s
+    greatest, held = float(np.max(shares)), wheel_momentum(plant)
+    if greatest <= held:
+        return []
+    return [f"{what}: stopping it, or making it turn so, asks {greatest:.3g} N m s of a wheel, which holds {held:.3g}; nothing can follow"]
+
+
 def filled(plant: Parameters, duration_s: float) -> list[str]:
     """A line if a run is so long that outer torques fill the wheels."""
     after = kind_of(plant).filled_s(plant)

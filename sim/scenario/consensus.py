@@ -17,7 +17,7 @@ from sim.faults.parts import Parts
 from sim.faults.readings import DropOut
 from sim.scenario.graph import ConsensusGraph
 from sim.scenario.named_sections import check_name
-from sim.scenario.run import Published, RunSettings
+from sim.scenario.run import Published, RunSettings, check_steps
 
 CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
 
@@ -95,9 +95,9 @@ class ConsensusScenario(Section):
         for name, loop in self.loops.items():
             if loop.feedback is not None and loop.feedback not in known:
                 raise ValueError(f"loops.{name}.feedback: there is no filter {loop.feedback!r}; there are {', '.join(known)}")
-            tick = loop.tick_s if isinstance(loop, Adaptive) else self.run.tick_s
-            _whole(self.run.tick_s / tick, f"loops.{name}.tick_s: run.tick_s = {self.run.tick_s:g} s", tick)
-        _whole(self.run.tick_s / self.plant.step_s, f"plant.step_s: run.tick_s = {self.run.tick_s:g} s", self.plant.step_s)
+            if isinstance(loop, Adaptive):
+                check_steps(self.run, loop.tick_s, f"loops.{name}.tick_s", "ticks of its own")
+        check_steps(self.run, self.plant.step_s, "plant.step_s")
         check_faults(self.faults, duration, self.parts)
         sampled = [name for name, loop in self.loops.items() if isinstance(loop, Marginalised)]
         for number, fault in enumerate(self.faults):
@@ -135,8 +135,3 @@ class ConsensusScenario(Section):
         if work * self.run.ticks * self.plant.agents > CROWD * 2000 * 6:
             return [f"{', '.join(slow)}: {work} trials x particles of {self.plant.agents} agents take minutes; fewer --trials are quicker"]
         return []
-
-
-def _whole(ratio: float, what: str, part: float) -> None:
-    if not np.isclose(ratio, round(ratio)) or round(ratio) < 1:
-        raise ValueError(f"{what} is not a whole number of {part:g} s")

@@ -23,7 +23,7 @@ from sim.faults.readings import Bias, NoiseChange
 from sim.plant.kinds import FormationSettings, check_tilt, filled
 from sim.scenario.graph import FormationGraph
 from sim.scenario.named_sections import WindowsOfAgents, beyond, check_name, check_windows
-from sim.scenario.run import Published, RunSettings
+from sim.scenario.run import Published, RunSettings, check_steps
 
 Array = NDArray[np.floating]
 
@@ -137,8 +137,7 @@ class FormationScenario(Section):
                     raise ValueError(f"loops.{name}: there is no observer {observer!r}; there are {', '.join(known)}")
         for name in self.observers:
             check_name(name, "an observer", RESERVED)
-        if abs(self.run.tick_s / self.plant.step_s - max(1, round(self.run.tick_s / self.plant.step_s))) > 1e-9:
-            raise ValueError(f"run.tick_s = {self.run.tick_s:g} is not a whole number of physics steps of {self.plant.step_s:g} s")
+        check_steps(self.run, self.plant.step_s, "plant.step_s")
         duration = self.run.ticks * self.run.tick_s
         if outside := beyond(self.phases, self.run):
             raise ValueError(f"{outside[0]}; --set phases={{}} drops all")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from control.tracking import Target
 from models.attitude import quaternion
 from models.attitude.euler_angles import from_euler_313
 from models.plants.assembly import ImpossibleInertia
@@ -18,12 +19,12 @@ from sim.estimators.learning_settings import check_learning
 from sim.estimators.tunings import Tuning
 from sim.faults.kinds import Fault, check_faults, renamed
 from sim.faults.parts import Parts
-from sim.plant.kinds import PlantSettings, check_masses, check_speeds, check_tilt, filled
+from sim.plant.kinds import PlantSettings, beyond_wheels, check_masses, check_speeds, check_tilt, filled
 from sim.scenario.identification import IdentificationSettings
 from sim.scenario.loops import Loops, check_laws, check_loops, laws_by_place
 from sim.scenario.named_sections import Observers, Windows, beyond, check_windows
 from sim.scenario.references import ReferenceSettings
-from sim.scenario.run import Published, RunSettings
+from sim.scenario.run import Published, RunSettings, check_steps
 from sim.sensors.sensors import SENSOR_SETS, SensorSettings
 
 Array = NDArray[np.floating]
@@ -58,6 +59,11 @@ class StartSettings(Section):
         if self.quaternion is not None:
             return quaternion.normalize(np.array(self.quaternion))
         return None if self.euler_313_deg is None else from_euler_313(np.radians(self.euler_313_deg))
+
+    @property
+    def rate(self) -> Array:
+        """Body rate omega_BN_B (3,) rad/s."""
+        return np.radians(self.rate_deg_s) if self.rate_rad_s is None else np.array(self.rate_rad_s)
 
 
 class Scenario(Section):
@@ -116,11 +122,7 @@ class Scenario(Section):
         laws = laws_by_place(self.control, self.loops)
         check_laws(laws, self.observers, (info.context or {}).get("guests", ()), self.run.tick_s)
         check_loops(self.loops, self.observers, self.identification)
-        steps = self.run.tick_s / self.plant.step_s
-        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-            raise ValueError(
-                f"run.tick_s: {self.run.tick_s:g} s is not a whole number of physics steps (plant.step_s = {self.plant.step_s:g} s)"
-            )
+        check_steps(self.run, self.plant.step_s, "plant.step_s")
         for key, period in self.sensors.periods_s.items():
             if abs(period / self.run.tick_s - round(period / self.run.tick_s)) > 1e-9:
                 raise ValueError(f"sensors.{key}: {period:g} s is not a whole number of ticks (run.tick_s = {self.run.tick_s:g} s)")
@@ -139,7 +141,11 @@ class Scenario(Section):
         check_speeds(self.plant, self.start.wheel_speed_rad_s, "start.wheel_speed_rad_s")
         if (attitude := self.start.attitude) is not None:
             check_tilt(self.plant, attitude, "start")
-        check_tilt(self.plant, self.reference.at(np.linspace(0.0, duration, INSTANTS)).q_DN, "reference")
+        check_tilt(self.plant, self._followed(duration).q_DN, "reference")
+
+    def _followed(self, duration: float) -> Target:
+        """The reference all along a run."""
+        return self.reference.at(np.linspace(0.0, duration, INSTANTS))
 
     @property
     def parts(self) -> Parts:
@@ -162,6 +168,8 @@ class Scenario(Section):
                 for name, o in self.observers.items()
                 for line in o.warnings(f"observers.{name}", self.plant.wheel_axes, self.run.tick_s)
             ),
+            *beyond_wheels(self.plant, self.start.rate, "start"),
+            *beyond_wheels(self.plant, self._followed(self.run.ticks * self.run.tick_s).omega_DN_D, "reference"),
             *filled(self.plant, self.run.ticks * self.run.tick_s),
             *(f"{line}; it counts as far as the run goes" for line in beyond(self.phases, self.run)[:1]),
         ]

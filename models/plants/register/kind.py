@@ -71,6 +71,7 @@ class PlantKind(Generic[P]):
       air: torque of the air; None: there is none.
       tilt_limit_deg: greatest angle between z of B and the vertical, where a stop is met; None: it turns freely.
       no_load_speed: greatest speed that its drives can give a wheel, rad/s; None: nothing limits it.
+      wheel_momentum: greatest that one of its wheels can hold, N m s; None: nothing limits it.
       filled_s: time after which outer torques that it always has have filled its wheels, s.
       holds: set-points of actuators other than the wheels', by name, as they are at the start.
       joints: what resists in joints that `dispersible` parameters change, by name.
@@ -95,6 +96,7 @@ class PlantKind(Generic[P]):
     air: Callable[[P], AirTorque] | None = None
     tilt_limit_deg: float | None = None
     no_load_speed: Callable[[P], float] | None = None
+    wheel_momentum: Callable[[P], float] | None = None
     filled_s: Callable[[P], float] = lambda _: np.inf
     holds: Callable[[P], Mapping[str, float]] = lambda _: {}
     joints: Callable[[P], Mapping[str, Joint]] = lambda _: {}
