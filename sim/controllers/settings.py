@@ -163,7 +163,7 @@ class UnfalsifiedSettings(LawSettings):
     delay_ticks: Annotated[int, Field(ge=0, le=100_000)] = Field(0, description="from a decision to its torque")
 
     def check(self, where: str, tick_s: float) -> None:
-        """Raise ValueError if the design's frequencies are too fast for the tick."""
+        """Raise ValueError if the tick does not follow the design's frequencies."""
         if self.pace_rad_s * tick_s > COARSEST:
             raise ValueError(f"{where}.pace_rad_s: {self.pace_rad_s:g} rad/s needs run.tick_s at most {COARSEST / self.pace_rad_s:g} s")
 

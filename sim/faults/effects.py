@@ -49,6 +49,7 @@ class Effect:
 DRIVE_GAIN = Effect("drive gain", ("wheels",), 1.0)  # share of the torque that a drive is told that it gives
 DRIVE_OFFSET = Effect("drive offset", ("wheels",))  # N m that it gives besides
 LOCKED = Effect("locked", ("wheels",))  # how far a bearing has seized, 0 to 1
+FRICTION = Effect("friction", ("wheels",))  # N m of dry friction in a bearing besides its own
 COMMAND_GAIN = Effect("command gain", ("axes",), 1.0)  # share of what the law commands that is carried out
 COMMAND_OFFSET = Effect("command offset", ("axes",))  # N m or N that is carried out besides
 GAINS = Effect("gains", ("gains",), "gains")  # of a law

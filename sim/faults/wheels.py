@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from sim.draws import Number
-from sim.faults.effects import DRIVE_GAIN, DRIVE_OFFSET, LOCKED
-from sim.faults.events import Alias, Fraction, OfWheel
+from sim.faults.effects import DRIVE_GAIN, DRIVE_OFFSET, FRICTION, LOCKED
+from sim.faults.events import Alias, Fraction, NotNegative, OfWheel
 from sim.faults.placement import Placement
 
 
@@ -60,3 +60,16 @@ class Lock(OfWheel):
         """The bearing is seized."""
         on.put(LOCKED, 1.0, self.agents, self.numbers(on.parts))
         return f"{self.who} locks"
+
+
+class Friction(OfWheel):
+    """A bearing, or the windings of a drive without power, brake a wheel by dry friction besides its own."""
+
+    kind: Literal["friction"]
+    torque_nm: NotNegative
+
+    def lay(self, on: Placement) -> str:
+        """What brakes besides."""
+        torque = self.torque_nm.sample(on.random)
+        on.add(FRICTION, torque, self.agents, self.numbers(on.parts))
+        return f"{self.who} is braked by {1e3 * torque:.3g} mN m"

@@ -12,7 +12,7 @@ from control.allocation import Allocation
 from control.tracking import Estimate
 from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from models.dynamics.unmodelled_torque import UnmodelledTorque
-from sim.faults.effects import ACTIVE, CENTRE_OF_MASS, INERTIA, LOCKED, OWN_MASS
+from sim.faults.effects import ACTIVE, CENTRE_OF_MASS, FRICTION, INERTIA, LOCKED, OWN_MASS
 from sim.faults.timeline import Timeline
 from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
 from sim.plant.batch import Plant, Truth
@@ -135,7 +135,7 @@ class BodyChange:
     def __call__(self, tick: int) -> None:
         """What changes at a tick."""
         plant, faults = self.plant, self.faults
-        lock_wheels(plant, faults, tick)
+        brake_wheels(plant, faults, tick)
         if faults.changes_at(tick, *MASSES):
             own = plant.inertia, plant.centre_of_mass
             (inertia, centre), (before, centre_before) = masses(faults, tick, *own), masses(faults, tick - 1, *own)
@@ -143,18 +143,23 @@ class BodyChange:
             plant.set_mass_properties(changed, inertia[changed], centre[changed])
 
 
-def lock_wheels(plant: Plant, faults: Timeline, tick: int) -> None:
+def brake_wheels(plant: Plant, faults: Timeline, tick: int) -> None:
     """Let the dry friction of wheels' bearings be what it is from a tick on, where it changes."""
-    now = faults.at(LOCKED, tick)
-    if now is None or not faults.changes_at(tick, LOCKED):
+    if not faults.changes_at(tick, LOCKED, FRICTION):
         return
-    before = faults.at(LOCKED, tick - 1) if tick else None
-    now = np.broadcast_to(now, (plant.trials, *now.shape[1:])).reshape(plant.trials, -1)
-    before = np.zeros_like(now) if before is None else np.broadcast_to(before.reshape(len(before), -1), now.shape)
+    now, before = (_dry_friction(plant, faults, one) for one in (tick, tick - 1))
     for wheel in np.flatnonzero((now != before).any(axis=0)):
-        changed, seized = (now != before)[:, wheel], now[:, wheel]
-        friction = (1.0 - seized) * plant.wheel_coulomb[:, wheel] + seized * LOCKING * plant.assembly.wheel_torque_limit
-        plant.set_wheel_friction(changed, int(wheel), friction[changed])
+        changed = (now != before)[:, wheel]
+        plant.set_wheel_friction(changed, int(wheel), now[changed, wheel])
+
+
+def _dry_friction(plant: Plant, faults: Timeline, tick: int) -> Array:
+    """Of all wheels at a tick, (trials, wheels) N m; before the first, their own."""
+    own: Array = plant.wheel_coulomb
+    if tick < 0:
+        return own
+    seized, more = (np.zeros(1) if of is None else of.reshape(len(of), -1) for of in (faults.at(LOCKED, tick), faults.at(FRICTION, tick)))
+    return (1.0 - seized) * (own + more) + seized * LOCKING * plant.assembly.wheel_torque_limit
 
 
 def masses(faults: Timeline, tick: int, inertia: Array, centre_of_mass: Array) -> tuple[Array, Array]:

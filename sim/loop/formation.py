@@ -18,7 +18,7 @@ from sim.controllers.drives import WheelMomentum, effectors
 from sim.estimators.formation import agents_filter
 from sim.faults.effects import GAINS
 from sim.faults.timeline import Timeline, schedule
-from sim.loop.body_parts import MASSES, lock_wheels, masses
+from sim.loop.body_parts import MASSES, brake_wheels, masses
 from sim.loop.closed_loop import System
 from sim.network.messages import Messages, Network
 from sim.parts import ActuatorOutput, AnyArray, Array, Decision, Estimator, Flags, Snapshot
@@ -229,7 +229,7 @@ class FormationChange:
 
     def __call__(self, tick: int) -> None:
         """What changes at a tick."""
-        lock_wheels(self.plant, self.faults, tick)
+        brake_wheels(self.plant, self.faults, tick)
         if self.faults.changes_at(tick, *MASSES):
             own = self.plant.assembly
             now, before = (masses(self.faults, k, own.inertia, own.centre_of_mass) for k in (tick, tick - 1))
