@@ -20,17 +20,20 @@ PARTS = {  # part, the first words of its geoms' names, and where its mass comes
     "hemisphere of the bearing": (("bearing_ball",), "steel of 45 mm, bored to 5/9"),
     "its neck": (("bearing_neck",), "aluminium"),
     "plate, rim, brackets": (("plate", "bracket"), "sandwich: skins of 0.3 mm, 6 mm honeycomb; aluminium"),
-    "CubeSat: rails, decks, top": (("cubesat", "wheel_deck", "upper_deck", "motherboard_standoff", "computer_standoff"), "angles and drilled sheet"),
+    "CubeSat: rails, decks, top": (
+        ("cubesat", "wheel_deck", "upper_deck", "motherboard_standoff", "computer_standoff"),
+        "angles and drilled sheet",
+    ),
     "motherboard": (("motherboard",), "estimated"),
-    "4 drives": (("drive",), "7 g each, as an ESCON module 24/2"),
+    "4 drives": (("drive",), "estimated: 7 g each, in the size of a module ESCON 24/2"),
     "2 power supplies": (("power_supply",), "estimated: converters to 12 V and 5 V"),
-    "on-board computer": (("computer",), "29 g, as a Raspberry Pi 3A+"),
-    "IMU": (("imu",), "VN-100 of 3.5 g on a carrier"),
+    "on-board computer": (("computer",), "estimated: board of a Raspberry Pi 3A+, 29 g"),
+    "IMU": (("imu",), "estimated: VN-100 on a carrier"),
     "4 wheels": (("wheel",), "`wheel_mass_kg`"),
-    "4 motors and their mount": (("motor", "wheel_mount"), "18 g each, flat motors of 20 mm; aluminium"),
-    "2 battery packs, hangers": (("battery",), "two cells 18650 of 48 g and a holder each"),
+    "4 motors and their mount": (("motor", "wheel_mount"), "estimated: flat motors of 20 mm, 18 g each; aluminium"),
+    "2 battery packs, hangers": (("battery",), "estimated: two cells 18650 of 48 g and a holder each"),
     "3 balance masses": (("balance_x", "balance_y", "balance_z"), "`balance_mass_kg`: brass, 18 mm"),
-    "their rails and steppers": (("rail", "stepper"), "channels of aluminium; 13 g each"),
+    "their rails and steppers": (("rail", "stepper"), "channels of aluminium; estimated: 13 g each"),
     "their electronics, cables": (("balance_board", "balance_driver", "balance_standoff", "cable"), "estimated"),
     "4 counterweights on rods": (("counterweight",), "brass of 32 mm on steel of 6 mm"),
 }
@@ -110,8 +113,8 @@ def row(title: str, mass: Mass, source: str) -> str:
     """Line of the table."""
     xx, yy, zz = 1e3 * np.diag(mass.inertia)
     xy, xz, yz = 1e3 * mass.inertia[[0, 0, 1], [1, 2, 2]]
-    numbers = f"{1e3 * mass.mass:.0f} | {mass.mass / mass.volume:.0f} | {-1e3 * mass.centre[2]:.1f}"
-    return f"| {title} | {numbers} | {xx:.2f}, {yy:.2f}, {zz:.2f} | {xy:.2f}, {xz:.2f}, {yz:.2f} | {source} |"
+    numbers = f"{1e3 * mass.mass:.0f} | {mass.mass / mass.volume:.0f} | {-1e3 * mass.centre[2]:z.1f}"
+    return f"| {title} | {numbers} | {xx:.2f}, {yy:.2f}, {zz:.2f} | {xy:z.2f}, {xz:z.2f}, {yz:z.2f} | {source} |"
 
 
 def table() -> str:

@@ -64,8 +64,9 @@ class NacsParameters(PlantParameters):
         3.2,
         "whole floating part",
         "kg",
-        "chosen: what the parts drawn in nacs.xml weigh, with J_B to 2 % and the centre of mass 1.6 mm above the pivot (docs/physics.md); "
-        "J_B says flat and wide: a CubeSat of one unit sunk into the plate fits it, one of two units, batteries in the CubeSat or a plate of solid metal do not",
+        "chosen: what the parts drawn in nacs.xml weigh together; they make J_B to 1.6 % and are balanced to 0.5 mm. J_B is that of "
+        "something flat and wide: a CubeSat of one unit fits if it is sunk through a light plate, one that stands on the plate, of two "
+        "units, or with the batteries in it does not (docs/physics.md)",
     )
     centre_of_mass_um: Vector3 = known(
         (0.5, -0.4, 1.0),
@@ -198,7 +199,11 @@ def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
     limit, voltage = parameters.torque_limit, parameters.supply_voltage_v
     for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
         drive, motor = spec.actuator(name), spec.geom(name.replace("wheel", "motor"))
-        motor.pos, motor.alt.type, motor.alt.zaxis = spec.body(name).pos - MOTOR_BEHIND_M * axis, mujoco.mjtOrientation.mjORIENTATION_ZAXIS, axis
+        motor.pos, motor.alt.type, motor.alt.zaxis = (
+            spec.body(name).pos - MOTOR_BEHIND_M * axis,
+            mujoco.mjtOrientation.mjORIENTATION_ZAXIS,
+            axis,
+        )
         spec.body(name).ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
         drive.set_to_dcmotor(
             motorconst=[parameters.motor_constant_nm_a] * 2,
