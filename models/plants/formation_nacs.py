@@ -28,14 +28,8 @@ ROOM = Path(__file__).with_name("formation_nacs.xml")
 Vector3 = tuple[float, float, float]
 
 ALONE = ("floor", "north", "east")  # what a testbed has of a room of its own
-ACCENTS = (
-    "plate_rim",
-    "pedestal_foot",
-    "cubesat_top_1",
-    "cubesat_top_2",
-    "cubesat_top_3",
-    "cubesat_top_4",
-)  # geoms in the colour of their testbed
+# geoms in the colour of their testbed
+ACCENTS = ("plate_rim", "pedestal_foot", "cubesat_top_1", "cubesat_top_2", "cubesat_top_3", "cubesat_top_4")
 RAISED = 0.40  # tangent of the angle at which the ring is looked down on, from the south
 NACS_RIM_SHARE = 0.0055  # half width of the ring of nacs.xml as a share of its radius
 RIM = (0.1695, 0.026)  # m, radius, and half width of the ring as a share of it, instead of 166.1 mm and 0.0055: seen from across the room

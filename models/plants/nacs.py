@@ -199,11 +199,8 @@ def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
     limit, voltage = parameters.torque_limit, parameters.supply_voltage_v
     for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
         drive, motor = spec.actuator(name), spec.geom(name.replace("wheel", "motor"))
-        motor.pos, motor.alt.type, motor.alt.zaxis = (
-            spec.body(name).pos - MOTOR_BEHIND_M * axis,
-            mujoco.mjtOrientation.mjORIENTATION_ZAXIS,
-            axis,
-        )
+        motor.pos = spec.body(name).pos - MOTOR_BEHIND_M * axis
+        motor.alt.type, motor.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, axis
         spec.body(name).ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
         drive.set_to_dcmotor(
             motorconst=[parameters.motor_constant_nm_a] * 2,
