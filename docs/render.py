@@ -13,7 +13,7 @@ from models.plants.nacs import compile_nacs
 
 HERE = Path(__file__).parent
 TILT = np.radians([5.0, -4.0, 12.0])
-SHOTS = {"testbed": "overview", "wheels": "wheels"}
+SHOTS = {"testbed": "overview", "wheels": "wheels", "testbed_below": "below"}
 WIDTH, HEIGHT = 1800, 1200
 
 

@@ -109,6 +109,13 @@ def test_every_visible_geom_is_drawn_once_and_nothing_that_only_collides(one: Wr
         assert (f"/world/{body}/{geom.name}" in present) == (scene.geom_group[i] < 3), geom.name
 
 
+def test_ghosts_and_outline_have_the_plate_though_it_is_drawn_as_meshes(one: Written) -> None:
+    for entity in ("/world/bus/outline/cylinders", "/world/estimate/nis-fading/edges_of_cylinders"):
+        batches = [chunk.to_record_batch() for chunk in RrdReader(one.path).stream().filter(content=entity).to_chunks()]
+        radii = [batch.column("Cylinders3D:radii").to_pylist() for batch in batches if "Cylinders3D:radii" in batch.schema.names]
+        assert max(np.ravel(radii)) == pytest.approx(0.165, abs=1e-6), entity
+
+
 def test_bodies_stand_where_the_plant_says(one: Written) -> None:
     channels = one.recording.channels
     truth = diagnose(one.assembly, channels["truth/qpos"][:, 0], channels["truth/qvel"][:, 0])

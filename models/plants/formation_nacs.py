@@ -28,9 +28,11 @@ ROOM = Path(__file__).with_name("formation_nacs.xml")
 Vector3 = tuple[float, float, float]
 
 ALONE = ("floor", "north", "east")  # what a testbed has of a room of its own
-ACCENTS = ("plate_rim", "pedestal_foot", "cubesat_deck_2", "cubesat_deck_3")  # geoms in the colour of their testbed
+# geoms in the colour of their testbed
+ACCENTS = ("plate_rim", "pedestal_foot", "cubesat_top_1", "cubesat_top_2", "cubesat_top_3", "cubesat_top_4")
 RAISED = 0.40  # tangent of the angle at which the ring is looked down on, from the south
-RIM = (0.1735, 0.0026)  # m, radius and half height, instead of 166.5 mm and 1.6 mm: seen from across the room
+NACS_RIM_SHARE = 0.0055  # half width of the ring of nacs.xml as a share of its radius
+RIM = (0.1695, 0.026)  # m, radius, and half width of the ring as a share of it, instead of 166.1 mm and 0.0055: seen from across the room
 
 
 class FormationNacsParameters(PlantParameters):
@@ -146,11 +148,19 @@ def prepare_testbeds(parameters: FormationNacsParameters) -> Prepared:
         shade = [*colour(number, parameters.agents), 1.0]
         for name in ACCENTS:
             child.geom(name).rgba = shade
-        child.geom("plate_rim").size[:2] = RIM
+        _widen(child.mesh("plate_rim"))
         spec.attach(child, prefix=f"testbed_{number + 1}/", frame=spec.worldbody.add_frame(pos=[place[0], place[1], 0.0]))
     spec.add_key(name="level", qpos=np.tile([1.0] + 10 * [0.0], parameters.agents))
     _furnish(spec, parameters)
     return Prepared(spec, prepared[0].reassemble)
+
+
+def _widen(rim: mujoco.MjsMesh) -> None:
+    """Make the ring about a plate one of `RIM`, of the same height."""
+    radius, share = RIM
+    _, _, height = rim.scale * NACS_RIM_SHARE
+    rim.make_supertorus(96, share, 0.1, 1.0)
+    rim.scale = [radius, radius, height / share]
 
 
 def _strip(child: mujoco.MjSpec) -> None:

@@ -38,6 +38,7 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {
     "printed": (0.021867, 0.172994, 0.0316484, -0.001532, -0.000631, -0.000781),
 }
 
+MOTOR_BEHIND_M = 0.0111  # middle of a motor, along the axis from that of its wheel
 TILT_LIMIT_DEG = 30.0  # where the plate meets the dome of nacs.xml
 
 Vector3 = tuple[float, float, float]
@@ -59,7 +60,14 @@ class NacsParameters(PlantParameters):
     wheel_elevation_deg: float = known(45.0, "beta of the pyramid", "deg", "published (eq. 6)")
     wheel_transverse_inertia_kg_m2: Positive = known(9.29e-6, "of a wheel across its spin axis", "kg m2", "chosen: disc of 43 mm x 10 mm")
     wheel_mass_kg: Positive = known(0.075, "of a wheel", "kg", "chosen: disc of 43 mm, fits J_w")
-    mass_kg: Positive = known(3.2, "whole floating part", "kg", "chosen: fits J_B and a 2U mock-up")
+    mass_kg: Positive = known(
+        3.2,
+        "whole floating part",
+        "kg",
+        "chosen: what the parts drawn in nacs.xml weigh together; they make J_B to 1.6 % and are balanced to 0.5 mm. J_B is that of "
+        "something flat and wide: a CubeSat of one unit fits if it is sunk through a light plate, one that stands on the plate, of two "
+        "units, or with the batteries in it does not (docs/physics.md)",
+    )
     centre_of_mass_um: Vector3 = known(
         (0.5, -0.4, 1.0),
         "of the whole in B from the centre of rotation, masses at home",
@@ -194,8 +202,10 @@ def compile_nacs(parameters: NacsParameters | None = None) -> Assembly:
 def _set_wheels(spec: mujoco.MjSpec, parameters: NacsParameters) -> None:
     mount(spec, WHEELS, parameters)
     limit, voltage = parameters.torque_limit, parameters.supply_voltage_v
-    for name in WHEELS:
-        drive = spec.actuator(name)
+    for name, axis in zip(WHEELS, parameters.wheel_axes.T, strict=True):
+        drive, motor = spec.actuator(name), spec.geom(name.replace("wheel", "motor"))
+        motor.pos = spec.body(name).pos - MOTOR_BEHIND_M * axis
+        motor.alt.type, motor.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, axis
         spec.body(name).ipos = [1e-6 * parameters.wheel_imbalance_um, 0, 0]
         drive.set_to_dcmotor(
             motorconst=[parameters.motor_constant_nm_a] * 2,

@@ -107,9 +107,12 @@ def triad(length: float, colours: tuple[Colour, ...], radius: float) -> Any:
 
 
 def _floating_shapes(scene: Any, root: int) -> list[Shape]:
-    """Simple geoms of the floating body and all that it carries, at home, by type, in the frame of that body."""
+    """Simple geoms of the floating body and all that it carries, at home, by type, in the frame of that body.
+
+    Those that only collide are among them: they stand for meshes, as a whole disc does for a plate that is drawn with its openings.
+    """
     found: dict[int, list[tuple[Array, Array, Array]]] = {}
-    for geom in visible_geoms(scene):
+    for geom in range(scene.ngeom):
         body, kind = int(scene.geom_bodyid[geom]), int(scene.geom_type[geom])
         if kind not in _NAMES:
             continue

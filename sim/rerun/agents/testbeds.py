@@ -87,7 +87,7 @@ class RoomScene:
             yield f"{root}/aim/axes", triad(0.92 * AXIS, (REFERENCE,) * 3, 0.0016)
         ghost = {"fill_mode": "MajorWireframe", "colors": [REFERENCE]}
         yield "world/leader/axes", triad(1.3 * AXIS, AXES, 0.006)
-        box = rr.Boxes3D(half_sizes=[[0.05, 0.05, 0.1]], centers=[[0, 0, -0.137]], radii=0.003, **ghost)
+        box = rr.Boxes3D(half_sizes=[[0.05, 0.05, 0.05]], centers=[[0, 0, -0.062]], radii=0.003, **ghost)
         yield "world/leader/cubesat", box
         plate = rr.Cylinders3D(lengths=[0.008], radii=[0.168], centers=[[0, 0, -0.033]], line_radii=0.003, **ghost)
         yield "world/leader/plate", plate
