@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from sim.metric import Metric
 from sim.metrics.results import rows
-from sim.tables.one_body import estimators
+from sim.scenario.files import load
+from sim.tables.one_body import estimators, made_with
 
 TRIALS = 4
 
@@ -62,3 +63,19 @@ def test_nis_of_incomplete_readings_stands_beside_its_degrees_of_freedom() -> No
     place = headings(shown).index("NIS (dof)")
     assert list(shown.columns[place].cells) == ["7 (6.25)"]
     assert "NIS 10 dof" in headings(table({"ekf": True}, dof=10.0))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({}, "twin: tuning consistent, sensors bench; the paper's Q and R: --set tuning=paper"),
+        ({"tuning": "paper", "sensors.set": "paper"}, "twin: tuning paper, sensors paper"),
+        (
+            {"sensors.gyro_noise_rad_s": 0.1},
+            "twin: tuning consistent, sensors of the scenario's own; the paper's Q and R: --set tuning=paper",
+        ),
+    ],
+)
+def test_a_papers_table_says_how_the_twins_figures_beside_it_were_made(settings: dict[str, object], said: str) -> None:
+    scenario = load("nacs/fault-free", settings)
+    assert made_with([one.tuning for one in scenario.observers.values()], scenario.sensors) == said

@@ -10,12 +10,14 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.consistency import average_bounds
+from sim.estimators.tunings import Tuning
 from sim.metrics.claims import Claim
 from sim.metrics.one_body import STATES
 from sim.metrics.results import Row
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
 from sim.scenario.run import Published
+from sim.sensors.sensors import SENSOR_SETS, SensorSettings
 from sim.tables.learned import learned
 from sim.text.table_style import counted, number, paper, plain_table
 
@@ -116,11 +118,19 @@ def _degrees_of_freedom(found: dict[tuple[str, str], float], name: str) -> int:
     return 6 + (WHEELS if (name, "rmse_truth_wheel") in found else 0)
 
 
-def residuals(rows: list[Row], published: Published) -> Table:
+def made_with(tunings: Iterable[str | Tuning], sensors: SensorSettings) -> str:
+    """Which tuning and sensors the twin's figures beside a paper's were made with."""
+    said = sorted({one if isinstance(one, str) else "of the scenario's own" for one in tunings})
+    chosen = next((name for name, settings in SENSOR_SETS.items() if settings == sensors), "of the scenario's own")
+    own = "" if said == ["paper"] else "; the paper's Q and R: --set tuning=paper"
+    return f"twin: tuning {' and '.join(said)}, sensors {chosen}{own}"
+
+
+def residuals(rows: list[Row], published: Published, caption: str) -> Table:
     """The paper's own table, state by state: the twin's residual RMSE and, in colour, the printed one (both 1e-3)."""
     found = _lookup(rows, "all")
     names = [name for name in published.values if (name, "rmse_residual_q1") in found]
-    table = plain_table(Text.assemble(f"Residual RMSE as in {published.source}, 1e-3: twin and ", paper("paper")))
+    table = plain_table(Text.assemble(f"Residual RMSE as in {published.source}, 1e-3: twin and ", paper("paper")), caption)
     table.add_column("state")
     for name in names:
         table.add_column(name, justify="right")

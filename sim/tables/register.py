@@ -34,7 +34,9 @@ def _body(rows: list[Row], scenario: Scenario, trials: int, guests: tuple[str, .
             shown.append(one_body.claims(CLAIMS[scenario.claims](rows)))
         return shown
     if scenario.published:
-        shown.append(one_body.residuals(rows, scenario.published))
+        filters = [scenario.observers[name] for name in scenario.published.values if name in scenario.observers]
+        caption = one_body.made_with([one.tuning for one in filters], scenario.sensors)
+        shown.append(one_body.residuals(rows, scenario.published, caption))
     shown.append(one_body.estimators(rows, [*scenario.observers, *guests], scenario.published, trials))
     return [*shown, f"{one_body.loop(rows)}{f', controller {law}' if law else ''}"]
 
