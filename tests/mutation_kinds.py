@@ -33,20 +33,36 @@ class Mutant(NamedTuple):
 
 Change = tuple[ast.AST, ast.AST | str]  # what goes, what comes
 OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult,
-    ast.FloorDiv: ast.Mod, ast.Mod: ast.FloorDiv, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.FloorDiv: ast.Mod,
+    ast.Mod: ast.FloorDiv,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
 }
 NEGATED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+    ast.Lt: ast.GtE,
+    ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE,
+    ast.LtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
 }
 EDGES: dict[type[ast.cmpop], type[ast.cmpop]] = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 PAIRS = ("min max", "minimum maximum", "nanmin nanmax", "argmin argmax", "any all", "sin cos", "floor ceil", "zeros ones", "mean sum")
 OTHERS = {one: other for pair in PAIRS for one, other in (pair.split(), pair.split()[::-1])}
 # calls without which a value is of the same kind
-CONVERSIONS = set(
-    ["abs", "sqrt", "square", "exp", "log", "clip", "normalize", "align", "degrees", "radians", "round", "floor", "nan_to_num", "cumsum", "sort", "wrapped", "symmetric"]
-)
+CONVERSIONS = {
+    *("abs", "sqrt", "square", "exp", "log", "clip", "normalize", "align", "degrees", "radians", "round", "floor", "nan_to_num"),
+    *("cumsum", "sort", "wrapped", "symmetrize"),
+}
 UNTOLD = {"strict", "dtype", "frozen", "eq", "slots", "copy", "check", "description", "title", "encoding"}  # keywords left alone
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 

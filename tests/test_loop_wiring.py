@@ -97,8 +97,8 @@ def test_noise_of_drives_air_and_readings_is_independent() -> None:
     system = build(scenario, np.arange(4))
     noise, drives = system.sensors.noise, system.effectors
     walk = np.diff(noise.gyro_bias, axis=0, prepend=0.0)[1:]
-    white = [noise.attitude[1:], noise.gyro[1:], walk, noise.wheel[1:], noise.quaternion[1:], noise.age[1:, :, None], drives.drive_noise[1:]]
-    columns = np.concatenate([*white, drives.disturbance_B[1:]], axis=-1).reshape(4 * 2499, -1)
+    white = (noise.attitude, noise.gyro, noise.wheel, noise.quaternion, noise.age[..., None], drives.drive_noise)
+    columns = np.concatenate([walk, *(part[1:] for part in (*white, drives.disturbance_B))], axis=-1).reshape(4 * 2499, -1)
     correlation = np.abs(np.corrcoef(columns.T)) - np.eye(columns.shape[1])
     correlation[-3:, -3:] = 0.0  # the air alone is not white, so that chance correlates its axes more
     assert correlation.max() < 4.5 / len(columns) ** 0.5  # of 250 pairs
@@ -129,7 +129,8 @@ def test_an_attitude_is_read_in_whole_steps_of_its_rotation_vector() -> None:
     vectors = np.random.default_rng(3).uniform(-0.5, 0.5, (200, 3))
     sensors = build(scenario, np.arange(200)).sensors
     states = np.concatenate([from_rotation_vector(vectors), np.zeros((200, 7))], axis=-1)
-    read = to_rotation_vector(sensors.read(0, Truth(0.0, states[:, :4], states[:, 4:7], states[:, 7:], states, states), states[None])[:, :4])
+    truth = Truth(0.0, states[:, :4], states[:, 4:7], states[:, 7:], states, states)
+    read = to_rotation_vector(sensors.read(0, truth, states[None])[:, :4])
     np.testing.assert_allclose(read / step, np.round(vectors / step), atol=1e-9)
 
 

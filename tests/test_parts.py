@@ -94,7 +94,10 @@ def test_a_plain_number_is_a_constant_draw():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{}, {"uniform": [2, 1]}, {"log_uniform": [0, 1]}, {"choice": []}, {"constant": 1, "uniform": [0, 1]}, {"gamma": [1, 2]}, True, "fast"],
+    [
+        *({}, {"uniform": [2, 1]}, {"uniform": [2, 2]}, {"log_uniform": [0, 1]}, {"log_uniform": [2, 2]}, {"normal": [0, -1]}),
+        *({"choice": []}, {"constant": 1, "uniform": [0, 1]}, {"gamma": [1, 2]}, True, "fast"),
+    ],
 )
 def test_what_is_no_draw_is_refused(wrong):
     with pytest.raises(ValidationError):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 
 from estimation.marginalised_unscented import GivenMotion, GivenParameters, MarginalisedUnscentedFilter
 from estimation.particle import Draws, ParticleFilter
@@ -103,6 +104,61 @@ def test_the_exact_posterior_within_monte_carlo_error(sampled, proposal):
             assert abs(np.mean(((means - mean) / deviation)[5:])) < 0.01
     assert off[900] < 0.08  # of a standard deviation
     assert 0.2 < off[900] / off[100] < 0.5  # a third, as Monte Carlo error goes
+
+
+# two components each, nothing symmetric, against FilterPy --------------------------------------------------------------------------
+
+TURN = np.array([[0.9, 0.3, 0.1, -0.2], [-0.4, 0.8, 0.3, 0.1], [0.2, -0.1, 0.7, 0.5], [0.0, 0.3, -0.6, 0.8]])
+SHAKE = 0.1 * np.array([[1.0, 0.3, -0.2, 0.1], [0.0, 0.8, 0.4, -0.3], [0.0, 0.0, 0.9, 0.2], [0.0, 0.0, 0.0, 0.7]])
+DRIVE = np.array([0.1, -0.2, 0.05, 0.15])
+SEEN = np.array([[1.0, 0.4, -0.7, 0.2], [0.3, -0.9, 0.1, 1.1], [-0.5, 0.2, 0.8, 0.6]])
+ERROR = 0.4 * np.array([[1.0, 0.0, 0.0], [0.6, 0.9, 0.0], [-0.4, 0.3, 1.2]])
+START = 0.1 * np.array([[0.5, 0.2, 0.0, 0.0], [0.2, 0.4, 0.0, 0.0], [0.0, 0.0, 0.6, -0.2], [0.0, 0.0, -0.2, 0.3]])
+
+
+class TwoByTwo:
+    """x' = F x + b u + w, of which the first two components are sampled, with full covariances."""
+
+    def joint(self, sampled, mean, covariance, command, dt):
+        after = np.concatenate([sampled, mean], axis=-1) @ TURN.T + DRIVE * command
+        spread = TURN[:, 2:] @ covariance @ TURN[:, 2:].T + SHAKE @ SHAKE.T
+        return Joint(after[..., :2], after[..., 2:], spread[..., :2, :2], spread[..., 2:, :2], spread[..., 2:, 2:])
+
+
+@pytest.mark.parametrize("proposal", ["optimal", "prior"])
+def test_blocks_of_two_that_are_read_together_have_filterpys_posterior(proposal):
+    particles, trials, rng = 900, 12, np.random.default_rng(21)
+    filter = RaoBlackwellisedFilter(TwoByTwo(), SEEN[:, :2], SEEN[:, 2:], ERROR @ ERROR.T, particles, proposal)
+
+    def draws():
+        return BlockDraws(rng.standard_normal((trials, particles, 2)), rng.random((trials, particles)))
+
+    belief = filter.initial(np.zeros((trials, 2)), START[:2, :2], np.zeros((trials, 2)), START[2:, 2:], draws())
+    known = [KalmanFilter(dim_x=4, dim_z=3) for _ in range(trials)]
+    for one in known:
+        one.F, one.H, one.P, one.Q, one.R = TURN, SEEN, START.copy(), SHAKE @ SHAKE.T, ERROR @ ERROR.T
+    x = rng.standard_normal((trials, 4)) @ np.linalg.cholesky(START).T
+    off, spreads, logs = [], [], []
+    for _ in range(6):
+        command = rng.standard_normal((trials, 1))
+        x = x @ TURN.T + DRIVE * command + rng.standard_normal((trials, 4)) @ SHAKE.T
+        reading = x @ SEEN.T + rng.standard_normal((trials, 3)) @ ERROR.T
+        belief = filter.step(belief, command, reading, DT, draws())
+        for one, u, z in zip(known, command, reading, strict=True):
+            one.predict()
+            one.x = one.x + DRIVE[:, None] * u
+            one.update(z)
+        deviation = np.sqrt([np.diag(one.P) for one in known])
+        mean = np.concatenate([belief.sampled_mean, belief.conditional_mean], axis=-1)
+        off.append((mean - [one.x[:, 0] for one in known]) / deviation)
+        for own, part in ((belief.sampled_covariance, slice(0, 2)), (belief.conditional_covariance, slice(2, 4))):
+            error = own - np.array([one.P[part, part] for one in known])
+            spreads.append(np.mean(error / (deviation[:, part, None] * deviation[:, None, part]), axis=0))
+        logs.append(belief.log_likelihood - [one.log_likelihood for one in known])
+    assert np.sqrt(np.mean(np.square(off))) < 0.09  # of a deviation: 1 / sqrt(900) is 0.03, and at times a fifth of the particles counts
+    assert np.abs(np.mean(off, axis=(0, 1))).max() < 0.03
+    assert np.abs(spreads).max() < 0.09
+    assert abs(np.mean(logs)) < 0.03
 
 
 class Plain:

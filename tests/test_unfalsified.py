@@ -264,6 +264,18 @@ def test_a_controller_that_an_archived_test_falsifies_is_not_taken():
     np.testing.assert_array_equal(without.theta, taken)
 
 
+def test_where_everything_is_falsified_the_gains_stay_and_nothing_has_switched():
+    _, before, after, events, tests = flight(FULL).events[0]
+    where = tuple(np.argwhere(events.switched)[0])
+    hopeless = before._replace(archive=np.broadcast_to(np.eye(3), before.archive.shape), archived=np.ones_like(before.archived))
+    theta, switched, from_grid = FULL.controller()._replace(hopeless, tests, events.falsified)
+    np.testing.assert_array_equal(theta, before.theta)
+    assert events.falsified[where]
+    assert not switched.any()
+    assert not from_grid.any()
+    assert not np.array_equal(after.theta[where], before.theta[where])  # with its own archive it finds one
+
+
 # flights ----------------------------------------------------------------------------------------------------------------------
 
 
