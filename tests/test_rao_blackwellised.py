@@ -110,7 +110,7 @@ def test_the_exact_posterior_within_monte_carlo_error(sampled, proposal):
 
 TURN = np.array([[0.9, 0.3, 0.1, -0.2], [-0.4, 0.8, 0.3, 0.1], [0.2, -0.1, 0.7, 0.5], [0.0, 0.3, -0.6, 0.8]])
 SHAKE = 0.1 * np.array([[1.0, 0.3, -0.2, 0.1], [0.0, 0.8, 0.4, -0.3], [0.0, 0.0, 0.9, 0.2], [0.0, 0.0, 0.0, 0.7]])
-DRIVE = np.array([0.1, -0.2, 0.05, 0.15])
+DRIVE = np.array([1.0, -2.0, 0.5, 1.5])
 SEEN = np.array([[1.0, 0.4, -0.7, 0.2], [0.3, -0.9, 0.1, 1.1], [-0.5, 0.2, 0.8, 0.6]])
 ERROR = 0.4 * np.array([[1.0, 0.0, 0.0], [0.6, 0.9, 0.0], [-0.4, 0.3, 1.2]])
 START = 0.1 * np.array([[0.5, 0.2, 0.0, 0.0], [0.2, 0.4, 0.0, 0.0], [0.0, 0.0, 0.6, -0.2], [0.0, 0.0, -0.2, 0.3]])
@@ -120,7 +120,7 @@ class TwoByTwo:
     """x' = F x + b u + w, of which the first two components are sampled, with full covariances."""
 
     def joint(self, sampled, mean, covariance, command, dt):
-        after = np.concatenate([sampled, mean], axis=-1) @ TURN.T + DRIVE * command
+        after = np.concatenate([sampled, mean], axis=-1) @ TURN.T + dt * DRIVE * command
         spread = TURN[:, 2:] @ covariance @ TURN[:, 2:].T + SHAKE @ SHAKE.T
         return Joint(after[..., :2], after[..., 2:], spread[..., :2, :2], spread[..., 2:, :2], spread[..., 2:, 2:])
 
@@ -141,12 +141,12 @@ def test_blocks_of_two_that_are_read_together_have_filterpys_posterior(proposal)
     off, spreads, logs = [], [], []
     for _ in range(6):
         command = rng.standard_normal((trials, 1))
-        x = x @ TURN.T + DRIVE * command + rng.standard_normal((trials, 4)) @ SHAKE.T
+        x = x @ TURN.T + DT * DRIVE * command + rng.standard_normal((trials, 4)) @ SHAKE.T
         reading = x @ SEEN.T + rng.standard_normal((trials, 3)) @ ERROR.T
         belief = filter.step(belief, command, reading, DT, draws())
         for one, u, z in zip(known, command, reading, strict=True):
             one.predict()
-            one.x = one.x + DRIVE[:, None] * u
+            one.x = one.x + DT * DRIVE[:, None] * u
             one.update(z)
         deviation = np.sqrt([np.diag(one.P) for one in known])
         mean = np.concatenate([belief.sampled_mean, belief.conditional_mean], axis=-1)
