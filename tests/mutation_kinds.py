@@ -244,7 +244,7 @@ def statement_dropped(node: ast.AST) -> Iterator[Change]:
 def returned_early(node: ast.AST) -> Iterator[Change]:
     """A list of statements ends before what follows, where nothing is returned at its end."""
     if isinstance(node, ast.FunctionDef) and not any(isinstance(one, ast.Return | ast.Yield | ast.YieldFrom) for one in ast.walk(node)):
-        yield from ((after, "return") for _, after in pairwise(node.body))
+        yield from ((after, "return") for _, after in pairwise(node.body) if ast.unparse(after) != "...")
 
 
 def other_argument(node: ast.AST) -> Iterator[Change]:

@@ -24,8 +24,9 @@ def formation_metrics() -> dict[tuple[str, str, str], np.ndarray]:
     gaps[:4], gaps[7, 1] = np.nan, np.nan
     figures = {
         "skae": both, "fkae": 0.02 * both, "station_angle": np.radians(both), "formation_angle": np.radians(3.0 * both),
-        "peak_torque": both[::-1], "acceleration_error": 0.1 * both, "peak_wheel_speed": 7.0 * both, "saturated": (both > 6.0).astype(float),
-        "aukf/velocity_squared": both**2, "pf/velocity_squared": 4.0 * both**2, "aukf/nees": gaps, "aukf/lost": (both == 4.0).astype(float),
+        "peak_torque": both[::-1], "acceleration_error": 0.1 * both, "peak_wheel_speed": 7.0 * both,
+        "saturated": (both > 6.0).astype(float), "aukf/velocity_squared": both**2,
+        "pf/velocity_squared": 4.0 * both**2, "aukf/nees": gaps, "aukf/lost": (both == 4.0).astype(float),
     }  # fmt: skip
     recording = Recording(0.5, np.arange(2), {}, {}, (), {}, figures, np.arange(2))
     settings = {"run.ticks": 10, "run.tick_s": 0.5, "phases": {"late": [3.5, 5.0]}}
