@@ -265,6 +265,7 @@ KINDS: dict[str, Callable[[ast.AST], Iterator[Change]]] = {
         *(statement_dropped, returned_early, other_argument),
     )
 }
+OF_A_BODY = {"returned early", "other argument"}  # found at a function, but changes of what is inside
 SKIPPED = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert)
 SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params"}
 
@@ -293,6 +294,7 @@ def mutants(place: str, source: str) -> list[Mutant]:
     found: dict[tuple[int, int, str], Mutant] = {}
     for node, around, names in _nodes(tree, tree, ("",)):
         for kind, changes in KINDS.items():
+            at_import = () if kind in OF_A_BODY else names
             for gone, come in changes(node):
                 start, stop = starts[gone.lineno - 1] + gone.col_offset, starts[gone.end_lineno - 1] + gone.end_col_offset
                 old, new = ast.unparse(gone), come if isinstance(come, str) else ast.unparse(come)
@@ -302,5 +304,5 @@ def mutants(place: str, source: str) -> list[Mutant]:
                 statement = (gone if isinstance(gone, ast.stmt) or kind == "other argument" else around).lineno
                 lines = (statement, max(head, statement, gone.end_lineno))
                 if new.strip("()") != old.strip("()"):
-                    found.setdefault((start, stop, new), Mutant(place, kind, gone.lineno, start, stop, old, new, lines, names))
+                    found.setdefault((start, stop, new), Mutant(place, kind, gone.lineno, start, stop, old, new, lines, at_import))
     return list(found.values())

@@ -361,13 +361,24 @@ def test_bands_and_sums_are_those_of_the_trials(file: Path) -> None:
     campaign = load(file)
     base = campaign.at(0)
     tables = fly(Job(campaign.model_dump_json(), base.model_dump_json(exclude_none=True), 0, 0, 7))
-    recording = run(build(base, np.arange(7), variants=draw(campaign, base, np.arange(7)).variants))
+    drawn = draw(campaign, base, np.arange(7))
+    recording = run(build(base, np.arange(7), variants=drawn.variants))
+    told = tables.metrics.to_pylist()
+    for place, key in enumerate(campaign.dispersion):
+        own = [(row["trial"], row["value"]) for row in told if (row["subject"], row["metric"]) == ("draw", key)]
+        assert own == list(enumerate(drawn.values[:, place].tolist()))
+    assert [row["value"] for row in told if row["metric"] == "failed"] == [0.0] * 7
+    assert not [row for row in told if row["metric"] == "redrawn"]
     ticks, found = quantiles(tables.bands, "rate_error_rad_s", "ekf")
     error = np.linalg.norm(recording.channels["ekf/mean"][ticks][..., 4:7] - recording.channels["truth/state"][ticks][..., 4:7], axis=-1)
     np.testing.assert_allclose(found[:, 1], np.sort(error, axis=1)[:, 3], rtol=0.04)  # half a bin of 40 a decade
     sums = tables.consistency.to_pylist()
     nees = [row["total"] / FIXED_POINT for row in sums if (row["statistic"], row["observer"]) == ("nees", "ekf")]
     np.testing.assert_allclose(nees, recording.channels["ekf/nees"].sum(axis=1), rtol=1e-5)
+    nis = np.array(
+        [(row["count"], row["freedom"]) for row in sums if (row["statistic"], row["observer"]) == ("nis", "ekf") and row["tick"]]
+    )
+    np.testing.assert_array_equal(nis, [[7, 70]] * (recording.ticks - 1))  # ten of each, since nothing is missing
     assert {row["observer"] for row in ensemble_consistency(tables.consistency, 10)} == set(recording.observers)
 
 

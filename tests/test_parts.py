@@ -217,6 +217,21 @@ def test_readings_end_at_the_sensors_range():
     np.testing.assert_array_equal(got[1:, :, 7:], -IDEAL.wheel_full_scale_rad_s)
 
 
+def test_a_sensor_that_one_trial_lacks_or_reads_seldom_is_read_in_the_others():
+    blind, seldom = differing(gyro=False), differing(wheel_period_s=0.3)
+    everyone, states = SensorArrays.of([IDEAL, blind, seldom]), moving(7, 3)
+    sensors = Sensors(everyone, draw_noise(everyone, 1, np.arange(3), 7, WHEELS, TICK), Timeline(TICK), TICK)
+    expected = states.copy()
+    expected[:, 1, 4:7] = np.nan
+    expected[[1, 2, 4, 5], 2, 7:] = np.nan
+    for k, state in enumerate(states):
+        read = sensors.read(k, Truth(k * TICK, state[:, :4], state[:, 4:7], state[:, 7:], state, state), states[: k + 1])
+        np.testing.assert_array_equal(read, expected[k])
+        np.testing.assert_array_equal(sensors.due(k)["due"], ~np.isnan(expected[k]))
+    ideal = SensorArrays.of([IDEAL])
+    assert Sensors(ideal, draw_noise(ideal, 1, np.arange(1), 7, WHEELS, TICK), Timeline(TICK), TICK).due(3) == {}
+
+
 def test_a_late_reading_describes_the_past():
     states = moving(30, 3)
     np.testing.assert_allclose(readings(differing(latency_s=0.3), states)[3:], states[:-3], atol=1e-14)
