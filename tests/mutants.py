@@ -6,8 +6,8 @@
 
 The kinds of change (tests/mutation_kinds.py) take turns. No file is changed: a mutant lives in the memory of a forked process alone. Each
 test file is run once under coverage (tests/mutants_process.py; kept in FOLDER until the source or that file changes), which says what lines
-a test executes and how long it takes. A mutant is then given to the tests that execute its line, cheapest first and one case of each
-function before the next, until one fails or the sum of their times is at the budget. What survives that, and what is executed on import, is
+a test executes and how long it takes. A mutant is then given to the tests that execute its line, the cheap and narrow first and one case of
+each function before the next, until one fails or the sum of their times is at the budget. What survives that, or is executed on import, is
 imported afresh and given to the tests anew, and to those whose fixtures execute it. A line that is executed on import is covered by the
 tests that execute a line that names what it defines.
 
@@ -48,7 +48,7 @@ PARTS = {
 }
 PICTURES = ("models/plants/flexible_picture.py",)  # colours and sizes that are only looked at
 LEFT_OUT = ("test_architecture", "test_regression", "test_packaging")  # they read the source as text, or its history
-CUT = 4.0  # how many times as long as it was given a test is taken to last that was cut
+CUT = 1.5  # how many times as long as it was given a test is taken to last that was cut
 TOGETHER = 8  # test files that are run in one process under coverage
 QUICK_S = 1.0  # below that, tests of a file are asked together, so that its fixtures are made once
 
@@ -162,21 +162,21 @@ class Selection:
         return {i for line in self._lines(mutant) for i in self._of_line.get(line, ())}
 
     def _ordered(self, which: Iterable[int]) -> list[Test]:
-        """Cheapest first; the n-th case of a function counts n-fold."""
+        """Cheap ones that look at little first: seconds times files that are executed; the n-th case of a function counts n-fold."""
         cases: Counter[str] = Counter()
         ranked = []
         for test in sorted((self.tests[i] for i in which), key=lambda test: (test.seconds, test.name)):
             function = test.name.partition("[")[0]
             cases[function] += 1
-            ranked.append((cases[function] * (test.seconds + 0.01), test.name, test))
+            ranked.append((cases[function] * (test.seconds + 0.01) * len(test.lines), test.name, test))
         return [test for *_, test in sorted(ranked, key=lambda one: one[:2])]
 
     def _within(self, budget: float, tests: Iterable[Test]) -> list[Test]:
         found: list[Test] = []
         for test in tests:
-            budget -= test.seconds
-            if budget < 0 and found:
+            if found and test.seconds > budget:
                 break
+            budget -= test.seconds
             found.append(test)
         rank = {file: number for number, file in enumerate(dict.fromkeys(test.file for test in found))}
         return sorted(found, key=lambda test: (test.seconds > QUICK_S, rank[test.file]))
