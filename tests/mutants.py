@@ -7,9 +7,8 @@
 The kinds of change (tests/mutation_kinds.py) take turns. No file is changed: a mutant lives in the memory of a forked process alone. Each
 test file is run once under coverage (tests/mutants_process.py; kept in FOLDER until the source or that file changes), which says what lines
 a test executes and how long it takes. A mutant is then given to the tests that execute its line, the cheap and narrow first and one case of
-each function before the next, until one fails or the sum of their times is at the budget. What survives that, or is executed on import, is
-imported afresh and given to the tests anew, and to those whose fixtures execute it. A line that is executed on import is covered by the
-tests that execute a line that names what it defines.
+each function before the next, until one fails or the sum of their times is at the budget; then to those whose fixtures execute it. A line
+that is executed on import is covered by the tests that execute a line that names what it defines, and its mutant is imported afresh.
 
 So what survives would at most be killed by tests that take longer, or that see it in another process only: the rate is a lower bound. A
 mutant is also killed when the tests need far more time than they should. Results are appended to FOLDER/mutants-SEED.jsonl; a run that is
@@ -143,12 +142,8 @@ class Selection:
                     found[word].add((place, line))
         return found
 
-    def covering(self, mutant: Mutant, budget: float) -> list[Test]:
-        """The tests that execute its line, as far as the budget goes."""
-        return self._within(budget, self._ordered(self._executing(mutant)))
-
-    def around(self, mutant: Mutant, budget: float) -> list[Test]:
-        """The same, and the others of files whose fixtures and imports do."""
+    def asked(self, mutant: Mutant, budget: float) -> list[Test]:
+        """The tests that execute its line, and then the others of files whose fixtures do, as far as the budget goes."""
         own = self._executing(mutant)
         files = set() if mutant.names and own else {file for line in self._lines(mutant) for file in self._made_in.get(line, ())}
         beside = {i for file in files for i in self._of_file[file]}
@@ -183,19 +178,20 @@ class Selection:
 
 
 def judged(chosen: list[Mutant], selection: Selection, budget: float) -> Iterator[tuple[Mutant, list[Test], Verdict]]:
-    """What becomes of mutants, and the tests that were asked last; those that live in functions first."""
-    inside = [(mutant, tests) for mutant in chosen if not mutant.names and (tests := selection.covering(mutant, budget))]
-    alive = [mutant for mutant in chosen if mutant not in {mutant for mutant, _ in inside}]
-    asked = [(mutant, [test.name for test in tests], sum(test.seconds for test in tests)) for mutant, tests in inside]
-    for (mutant, tests), verdict in zip(inside, ask(asked), strict=True):
-        if verdict.fate == "killed":
-            yield mutant, tests, verdict
+    """What becomes of mutants, and the tests that were asked; those that live in functions first."""
+    asked = {mutant: selection.asked(mutant, budget) for mutant in chosen}
+    names = {mutant: [test.name for test in tests] for mutant, tests in asked.items()}
+    seconds = {mutant: sum(test.seconds for test in tests) for mutant, tests in asked.items()}
+    inside = [mutant for mutant in chosen if asked[mutant] and not mutant.names]
+    afresh = [mutant for mutant in chosen if asked[mutant] and mutant.names]
+    for mutant, verdict in zip(inside, ask([(mutant, names[mutant], seconds[mutant]) for mutant in inside]), strict=True):
+        if verdict.fate == "undecided":
+            afresh.append(mutant)
         else:
-            alive.append(mutant)
-    for mutant in alive:
-        tests = selection.around(mutant, budget)
-        names, seconds = [test.name for test in tests], sum(test.seconds for test in tests)
-        yield mutant, tests, ask_afresh(mutant, names, seconds) if tests else Verdict("survived", "no test executes it")
+            yield mutant, asked[mutant], verdict
+    for mutant in afresh:
+        yield mutant, asked[mutant], ask_afresh(mutant, names[mutant], seconds[mutant])
+    yield from ((mutant, [], Verdict("survived", "no test executes it")) for mutant in chosen if not asked[mutant])
 
 
 def report(results: list[dict[str, Any]]) -> str:

@@ -202,7 +202,7 @@ def _first_failure(items: list[pytest.Item]) -> str:
     return ""
 
 
-def _verdict(by: object) -> Verdict:
+def _verdict(by: Any) -> Verdict:
     """Of the first failure: a name, "" for none, "?" if there was no mutant, None for too long or dead."""
     return (
         Verdict("killed", "time or crash") if by is None else Verdict("killed", str(by)) if by not in {"", "?"} else Verdict("survived", "")
