@@ -204,9 +204,8 @@ def _first_failure(items: list[pytest.Item]) -> str:
 
 def _verdict(by: Any) -> Verdict:
     """Of the first failure: a name, "" for none, "?" if there was no mutant, None for too long or dead."""
-    return (
-        Verdict("killed", "time or crash") if by is None else Verdict("killed", str(by)) if by not in {"", "?"} else Verdict("survived", "")
-    )
+    known = {None: Verdict("killed", "time or crash"), "": Verdict("survived", ""), "?": Verdict("undecided", "")}
+    return known.get(by, Verdict("killed", str(by)))
 
 
 def ask(asked: list[tuple[Mutant, list[str], float]]) -> Iterator[Verdict]:
