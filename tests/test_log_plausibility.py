@@ -17,7 +17,7 @@ from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.replay.flight_log import FlightLog, export
 from sim.replay.log_columns import columns_of
-from sim.replay.plausibility import COMMANDS, RATES, SPEEDS, TIMES, complaints
+from sim.replay.plausibility import COMMANDS, RATES, SPEEDS, TIMES, _read_between, complaints
 from sim.scenario.files import load
 
 LEAN: dict[str, object] = {"observers": {"ekf": {"type": "ekf"}}, "control.feedback": "truth"}
@@ -62,6 +62,12 @@ def scalar_first(log: FlightLog) -> FlightLog:
     reading = log.reading.copy()
     reading[..., :4] = np.roll(reading[..., :4], 1, axis=-1)
     return replace(log, reading=reading)
+
+
+def test_a_span_is_read_if_either_end_or_anything_between_is():
+    known = np.array([False, True, False, False, False, True, False])
+    np.testing.assert_array_equal(_read_between(known, np.array([0, 2, 4, 5])), [True, False, True])
+    np.testing.assert_array_equal(_read_between(known, np.array([1, 3, 6])), [True, True])
 
 
 RATE, WHEELS = slice(4, 7), slice(7, None)

@@ -11,8 +11,13 @@ import pytest
 
 from control.tracking import Estimate
 from models.attitude.quaternion import from_rotation_vector, multiply, to_rotation_vector
+from models.dynamics.measurement import WholeState
+from models.dynamics.vector_part_measurement import VectorPart
+from models.plants.nacs import NacsParameters
 from sim import randomness
-from sim.estimators.settings import Imm, WheelMode
+from sim.estimators.believed import Models
+from sim.estimators.observer import Place
+from sim.estimators.settings import Aukf, Imm, Pf, WheelMode
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.parts import Decision
@@ -185,6 +190,15 @@ def test_a_wheel_that_runs_away_is_found_by_the_mode_that_says_so() -> None:
     found = run(build(load("nacs/fault-free", settings), np.arange(3))).channels["imm/modes"]
     assert found[5:20, :, 0].min() > 0.9
     assert found[40:, :, 2].min() > 0.9
+
+
+@pytest.mark.parametrize("kind", [Aukf, Pf])
+def test_a_filter_that_is_told_vectors_reads_vectors(kind: Any) -> None:
+    place = Place(Models.of(NacsParameters()), SENSOR_SETS["bench"], 4, 0.1)
+    for measured, read in (("vector", VectorPart), ("quaternion", WholeState)):
+        built = kind(type=kind.model_fields["type"].annotation.__args__[0], tuning="consistent", measured=measured).build(place)
+        inner = getattr(built, "unscented", None) or getattr(built, "filter", built)
+        assert isinstance(inner.measurement_model, read), measured
 
 
 GUEST = """

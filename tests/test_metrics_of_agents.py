@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from models.attitude.quaternion import from_rotation_vector
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
-from sim.metrics import consensus, formation, windows
+from sim.metrics import antenna_study, consensus, formation, windows
 from sim.scenario.files import load
 
 # formations -----------------------------------------------------------------------------------------------------------------------
@@ -114,6 +116,41 @@ def test_agents_made_by_hand() -> None:
 def test_agents_that_stray_at_last_have_not_settled() -> None:
     absolute = np.array([[0.2, 0.05, 0.2], [0.05, 0.05, 0.05], [0.2, 0.1, 0.05]])
     np.testing.assert_array_equal(consensus._settled(absolute, np.array([0.0, 0.5, 1.0])), [np.nan, 0.0, 1.0])
+
+
+# antennas -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_switches_and_pointing_of_antennas_made_by_hand() -> None:
+    """Azimuth is about z and elevation about x; the second trial never switches."""
+    switched, from_grid, theta = np.zeros((10, 2, 2)), np.zeros((10, 2, 2)), np.ones((10, 2, 2, 2))
+    switched[[3, 7], 0, 0], switched[5, 0, 1], from_grid[7, 0, 0] = 1, 1, 1
+    theta[-1, 0] = [[0.25, 0.5], [0.125, 0.2]]
+    truth, wanted = np.zeros((10, 2, 7)), np.zeros((10, 3))
+    wanted[:, 2] = 0.02
+    turn = np.zeros((10, 2, 3))
+    turn[:5], turn[5:, 0] = 0.3, [0.01, 0.0, 0.04]
+    turn[5:, 1] = [0.0, 0.0, 0.02]
+    truth[..., :4] = from_rotation_vector(turn)
+    torque = np.tile([3.0, 2.0, 1.0], (10, 2, 1))
+    channels = {
+        "truth/state": truth, "reference/q": from_rotation_vector(wanted), "torque_B": torque, "control/switched": switched,
+        "control/from_grid": from_grid, "control/theta": theta,
+    }  # fmt: skip
+    recording, assembly = Recording(0.5, np.arange(2), channels, {}), SimpleNamespace(inertia=np.diag([2.0, 3.0, 4.0]))
+    rows = [*antenna_study._switching(assembly, recording), *antenna_study._pointing(recording, "loop")]
+    found = {m[:2]: m.values for m in rows}
+    expected = {
+        ("azimuth", "switches"): [2, 0], ("elevation", "switches"): [1, 0], ("azimuth", "from_grid"): [1, 0],
+        ("azimuth", "first_switch_s"): [1.5, np.nan], ("elevation", "first_switch_s"): [2.5, np.nan],
+        ("azimuth", "natural_frequency"): [1.0, 0.5], ("elevation", "natural_frequency"): [2.0, 0.5**0.5],  # sqrt(1 / (theta_1 J))
+        ("azimuth", "damping_ratio"): [0.25, 0.25], ("elevation", "damping_ratio"): [0.2, 0.5**1.5],  # theta_2 omega / 2
+        ("azimuth", "theta_1"): [0.25, 1.0], ("elevation", "theta_2"): [0.2, 1.0],
+        ("azimuth", "rms_pointing_deg"): [np.degrees(0.02), 0.0], ("elevation", "rms_pointing_deg"): [np.degrees(0.01), 0.0],
+        ("azimuth", "rms_torque"): [1.0, 1.0], ("elevation", "rms_torque"): [3.0, 3.0],
+    }  # fmt: skip
+    for key, values in expected.items():
+        np.testing.assert_allclose(found[key], values, rtol=1e-9, atol=1e-12, err_msg=str(key))
 
 
 # windows of a body ----------------------------------------------------------------------------------------------------------------

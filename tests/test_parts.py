@@ -82,6 +82,22 @@ def test_every_kind_of_draw_takes_the_same_share_of_the_stream(draw, mean, devia
     assert used.random() == untouched.random()
 
 
+@every_draw
+def test_a_greater_share_is_a_greater_value(draw, mean, deviation):
+    values = [draw.quantile(share) for share in np.linspace(0.0, 0.999, 50)]
+    assert (np.diff(values) >= 0.0).all()
+    assert deviation == 0.0 or values[-1] > values[0]
+
+
+def test_quantiles_and_bounds_by_hand():
+    normal = Draw(normal=(1.0, 0.3))
+    assert normal.bounds() == pytest.approx((-0.5, 2.5))  # five deviations
+    assert normal.quantile(0.841344746) == pytest.approx(1.3, rel=1e-6)  # one
+    assert Draw(uniform=(-1.0, 5.0)).quantile(0.25) == 0.5
+    assert Draw(log_uniform=(0.01, 1.0)).quantile(0.5) == pytest.approx(0.1)
+    assert Draw(choice=(1.0, 2.0, 6.0)).bounds() == (1.0, 6.0)
+
+
 def test_every_choice_is_drawn_equally_often():
     rng = np.random.default_rng(1)
     sample = [Draw(choice=(1.0, 2.0, 6.0)).sample(rng) for _ in range(9000)]

@@ -278,6 +278,7 @@ def test_given_its_parameters_the_motion_is_an_unscented_filter():
     towards = 0.01 * AGENT.by_weights(mean)
     np.testing.assert_allclose(joint.covariance[..., :2, :2], expected[..., :2, :2] + 1e-6 * np.eye(2), atol=1e-6)
     np.testing.assert_allclose(joint.cross[..., 2:, :], 1e-4 * towards, rtol=1e-12)
+    np.testing.assert_allclose(joint.cross[..., :2, :], 1e-4 * 0.005 * towards, rtol=1e-12)  # held for a tick of 0.01 s
 
 
 @pytest.mark.parametrize("proposal", ["optimal", "prior"])
