@@ -283,7 +283,8 @@ def _nodes(node: ast.AST, around: ast.AST, names: tuple[str, ...]) -> Iterator[t
     for name, value in ast.iter_fields(node):
         inside = () if name == "body" and isinstance(node, FUNCTION) else names
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.AST) and name not in SKIPPED_FIELDS and not isinstance(child, SKIPPED):
+            untold = isinstance(child, SKIPPED) or (isinstance(child, ast.keyword) and child.arg in UNTOLD)
+            if isinstance(child, ast.AST) and name not in SKIPPED_FIELDS and not untold:
                 yield from _nodes(child, around, inside)
 
 

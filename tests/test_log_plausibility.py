@@ -136,6 +136,14 @@ def test_noise_alone_tells_nothing() -> None:
         assert complaints(noise, scenario) == []
 
 
+@pytest.mark.parametrize("missing", [slice(0, 4), slice(4, 7), slice(0, 7)], ids=["attitudes", "rates", "both"])
+def test_without_attitudes_or_rates_nothing_tells_of_them(missing: slice) -> None:
+    scenario, log = flight("as published")
+    reading = log.reading.copy()
+    reading[1:, :, missing] = np.nan  # one is left
+    assert complaints(replace(log, reading=reading), scenario) == []
+
+
 def test_agents_in_the_plane_are_held_against_their_velocities() -> None:
     scenario = load("consensus/fault-free", {"run.ticks": 300})
     log = log_of(scenario)

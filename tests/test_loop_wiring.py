@@ -35,12 +35,14 @@ class Overheard:
 
     part: Any
     told: list[Any] = field(default_factory=list)
+    read: list[np.ndarray] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.part, name)
 
     def step(self, belief: Any, known: Any, reading: np.ndarray, dt: float) -> Any:
         self.told.append(known)
+        self.read.append(reading)
         return self.part.step(belief, known, reading, dt)
 
     def give(self, tick: int, decision: Any, estimate: Any, *more: Any) -> Any:
@@ -71,6 +73,26 @@ def test_filters_are_told_what_was_commanded_and_the_wheel_speeds_that_were_read
     assert np.abs(channels["applied"] - channels["command"])[12:28, :, 0].min() > 0.0  # which nobody is told
     assert np.abs(told[..., 4:] - channels["truth/state"][:-1, :, 7:])[12:18].min() > 4.0  # nor this
     assert len(np.unique(told[26:34, 0, 4])) == 1
+
+
+def test_the_filter_of_a_lost_trial_is_told_its_first_reading_again_and_again() -> None:
+    """So that it cannot break down; the others are told theirs."""
+
+    class SecondFromTickFive:
+        ticks = 0
+
+        def judge(self, *_: object) -> np.ndarray:
+            self.ticks += 1
+            return np.array([False, self.ticks > 5, False])
+
+    system = build(load("nacs/fault-free", {"run.ticks": 9}), np.arange(3))
+    spy = Overheard(system.estimators[0])
+    read = run(replace(system, estimators=(spy, *system.estimators[1:]), loss=SecondFromTickFive())).channels["reading"]
+    seen = np.array(spy.read)  # of ticks 1 and on
+    np.testing.assert_array_equal(seen[4:, 1], np.broadcast_to(read[0, 1], (4, 11)))
+    np.testing.assert_array_equal(seen[:4], read[1:5])
+    np.testing.assert_array_equal(seen[:, [0, 2]], read[1:, [0, 2]])
+    np.testing.assert_array_equal(np.array(spy.told)[4:, 1], 0.0)  # and that its drives rest
 
 
 # random numbers -------------------------------------------------------------------------------------------------------------------

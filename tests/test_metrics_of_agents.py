@@ -75,6 +75,7 @@ def test_figures_of_a_flying_formation_are_those_of_its_states() -> None:
     off = [np.sqrt(sum(np.sum((own - lead[6:]) ** 2) for own in agents)) for agents, lead in zip(p, leader, strict=True)]
     np.testing.assert_allclose(found.figures["acceleration_error"][:, 0], off, rtol=1e-9)
     np.testing.assert_allclose(found.figures["peak_wheel_speed"][:, 0], np.abs(found.channels["truth/wheel_speed"]).max(axis=(1, 2, 3)))
+    np.testing.assert_array_equal(found.figures["aukf/lost"], 0.0)
     wrong = (found.channels["aukf/mean"] - found.channels["truth/state"])[:, 0, :, 3:]
     np.testing.assert_allclose(found.figures["aukf/velocity_squared"][:, 0], np.sum(wrong**2, axis=(1, 2)) / 6, rtol=1e-9)
 

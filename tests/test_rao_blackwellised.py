@@ -181,6 +181,7 @@ def test_the_first_particles_have_the_covariance_that_is_given():
     normals = np.random.default_rng(5).standard_normal((1, 4000, 2))
     filter = RaoBlackwellisedFilter(TwoByTwo(), SEEN[:, :2], SEEN[:, 2:], ERROR @ ERROR.T, 4000)
     first = filter.initial(np.array([[3.0, -1.0]]), spread, np.zeros((1, 2)), np.eye(2), BlockDraws(normals, np.zeros((1, 4000))))
+    np.testing.assert_allclose(np.sum(np.exp(first.log_weights)), 1.0, rtol=1e-12)
     np.testing.assert_allclose(first.sampled_mean[0], [3.0, -1.0], atol=4 * (2.0 / 4000) ** 0.5)
     np.testing.assert_allclose(first.sampled_covariance[0], spread, atol=0.15)
 

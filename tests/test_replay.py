@@ -22,7 +22,7 @@ from sim.replay.flight_log import FlightLog, export, read
 from sim.replay.flight_log import about as said_by
 from sim.replay.log_columns import columns_of
 from sim.replay.metrics import evaluate
-from sim.replay.replay import Consistency, Replayed, judge, replay
+from sim.replay.replay import Consistency, Replayed, _seen, judge, replay
 from sim.replay.setting import choose, setting
 from sim.scenario.files import load
 from sim.user_code.user_code import UserCode
@@ -175,6 +175,23 @@ def test_the_share_of_nis_inside_is_that_of_chi_square_numbers(read: int) -> Non
     assert judged(read).nis_inside == pytest.approx(0.95, abs=0.014)  # four deviations
     assert judged(read + 1).nis_inside < 0.93
     assert judged(read).white == pytest.approx(0.95, abs=0.06)
+
+
+def test_an_innovation_is_of_what_was_read_in_its_own_coordinates() -> None:
+    """Nothing is predicted at the first tick; then a component of the attitude is missing, and then the speed of the second wheel."""
+    body = np.zeros((3, 1, 11))
+    body[1, 0, 1] = body[2, 0, 8] = np.nan
+    cases = [  # reading, layout, error coordinates, those that are missing at the second tick and at the third
+        (body, StateLayout.of_a_body(4), 11, [0, 1, 2, 3], [8]),
+        (body, StateLayout.of_a_body(4), 10, [0, 1, 2], [7]),
+        (body, StateLayout.of_a_body(4), 6, [0, 1, 2], []),  # wheel speeds are no states
+        (body[..., :3], StateLayout.by_rodrigues(1), 6, [1, 3, 4, 5], [3, 4, 5]),  # rates are never read
+        (body[..., 5:9], StateLayout.in_the_plane(1), 6, [4, 5], [3, 4, 5]),  # nor what is learned
+    ]
+    for reading, layout, size, second, third in cases:
+        expected = np.ones((3, 1, size))
+        expected[0], expected[1, 0, second], expected[2, 0, third] = np.nan, np.nan, np.nan
+        np.testing.assert_array_equal(_seen(np.ones((3, 1, size)), reading, layout), expected, err_msg=f"{size} of {reading.shape[-1]}")
 
 
 def test_the_degrees_of_freedom_of_a_reading_are_ten_and_seven_without_the_gyro() -> None:
