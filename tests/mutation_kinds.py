@@ -299,8 +299,11 @@ def mutants(place: str, source: str) -> list[Mutant]:
             for gone, come in changes(node):
                 start, stop = starts[gone.lineno - 1] + gone.col_offset, starts[gone.end_lineno - 1] + gone.end_col_offset
                 old, new = ast.unparse(gone), come if isinstance(come, str) else ast.unparse(come)
-                if isinstance(gone, ast.expr) and not isinstance(come, str):
-                    new = f"({new})"
+                more = "\n" * (gone.end_lineno - gone.lineno)  # so that what follows stays on its lines
+                if isinstance(gone, ast.expr):
+                    new = new if isinstance(come, str) and not more else f"({new}{more})"
+                else:
+                    new += more
                 head = around.body[0].lineno - 1 if isinstance(getattr(around, "body", None), list) else around.end_lineno
                 statement = (gone if isinstance(gone, ast.stmt) or kind == "other argument" else around).lineno
                 lines = (statement, max(head, statement, gone.end_lineno))

@@ -292,6 +292,8 @@ def test_an_antenna_s_torque_is_about_its_own_axes_and_late():
     (azimuth, elevation), (damp_azimuth, damp_elevation) = (gains[0] for gains in channels.gains(memory.channels))
     stiff, damping = np.array([elevation, 3.0, azimuth]), np.array([damp_elevation, 5.0, damp_azimuth])
     np.testing.assert_array_equal(given[:2], 0.0)
+    shares = np.array([[1.0 / azimuth, damp_azimuth / azimuth], [1.0 / elevation, damp_elevation / elevation]])
+    np.testing.assert_allclose(decision.notes["theta"], [shares, shares], rtol=1e-12)
     np.testing.assert_allclose(given[2:], np.broadcast_to(-stiff * turn - damping * rate, (2, 2, 3)), rtol=1e-9)
 
 
