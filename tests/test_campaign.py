@@ -17,7 +17,7 @@ from sim.bad_input import BadInput
 from sim.campaign import store as campaign_store
 from sim.campaign.draws import draw
 from sim.campaign.file import CAMPAIGNS, load
-from sim.campaign.shard import FIXED_POINT, Job, fly
+from sim.campaign.shard import FIXED_POINT, Job, bin_values, fly
 from sim.campaign.summary import Distribution, beats_both, duels, ensemble_consistency, operating_characteristic, summarize, worst
 from sim.loop.build import build
 from sim.loop.closed_loop import run
@@ -333,6 +333,14 @@ def test_the_interval_of_the_mean_covers_it_as_often_as_it_says() -> None:
     assert 85 <= hits <= 99  # 95 expected; percentile intervals of a skewed quantity are a little short
 
 
+def test_a_number_that_was_binned_is_found_again_within_half_a_bin() -> None:
+    """Forty bins a decade from 1e-8 on: the middle of a bin is at most 10^(1/80) = 1.0292 off, and on average not at all."""
+    value = 10.0 ** np.random.default_rng(4).uniform(-7.9, 7.9, 20_000)
+    off = np.log10(bin_values(np.floor(40.0 * (np.log10(value) + 8.0)).astype(np.int64)) / value)
+    assert np.abs(off).max() <= 1.0 / 80.0 + 1e-12
+    assert abs(off.mean()) < 4 * (1.0 / 40.0) / 12**0.5 / 20_000**0.5
+
+
 def test_duels_and_victories_count_trials() -> None:
     found = [distribution("h", "m", [1, 2, 3, 9]), distribution("ekf", "m", [2, 3, 4, 5]), distribution("sif", "m", [3, 1, 5, 6])]
     assert next(r for r in duels(found, "m") if r["who"] == "h < ekf")["share"] == 0.75
@@ -355,13 +363,24 @@ def test_bands_and_sums_are_those_of_the_trials(file: Path) -> None:
     campaign = load(file)
     base = campaign.at(0)
     tables = fly(Job(campaign.model_dump_json(), base.model_dump_json(exclude_none=True), 0, 0, 7))
-    recording = run(build(base, np.arange(7), variants=draw(campaign, base, np.arange(7)).variants))
+    drawn = draw(campaign, base, np.arange(7))
+    recording = run(build(base, np.arange(7), variants=drawn.variants))
+    told = tables.metrics.to_pylist()
+    for place, key in enumerate(campaign.dispersion):
+        own = [(row["trial"], row["value"]) for row in told if (row["subject"], row["metric"]) == ("draw", key)]
+        assert own == list(enumerate(drawn.values[:, place].tolist()))
+    assert [row["value"] for row in told if row["metric"] == "failed"] == [0.0] * 7
+    assert not [row for row in told if row["metric"] == "redrawn"]
     ticks, found = quantiles(tables.bands, "rate_error_rad_s", "ekf")
     error = np.linalg.norm(recording.channels["ekf/mean"][ticks][..., 4:7] - recording.channels["truth/state"][ticks][..., 4:7], axis=-1)
     np.testing.assert_allclose(found[:, 1], np.sort(error, axis=1)[:, 3], rtol=0.04)  # half a bin of 40 a decade
     sums = tables.consistency.to_pylist()
     nees = [row["total"] / FIXED_POINT for row in sums if (row["statistic"], row["observer"]) == ("nees", "ekf")]
     np.testing.assert_allclose(nees, recording.channels["ekf/nees"].sum(axis=1), rtol=1e-5)
+    nis = np.array(
+        [(row["count"], row["freedom"]) for row in sums if (row["statistic"], row["observer"]) == ("nis", "ekf") and row["tick"]]
+    )
+    np.testing.assert_array_equal(nis, [[7, 70]] * (recording.ticks - 1))  # ten of each, since nothing is missing
     assert {row["observer"] for row in ensemble_consistency(tables.consistency, 10)} == set(recording.observers)
 
 

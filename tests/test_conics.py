@@ -1,5 +1,7 @@
 """Where two conics meet: points known beforehand, residuals, and the number of them by elimination."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,18 @@ def test_conics_that_are_apart_or_have_no_real_points_do_not_meet(other):
     assert not np.isfinite(intersections(circle, other)).any()
     assert not np.isfinite(intersections(other, circle)).any()
     assert not np.isfinite(intersections(other, other)).any()
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.1])
+def test_no_common_point_is_lost_wherever_on_the_circle_it_lies(turned):
+    """Every four of eight points all around: for some of them any fixed place of t = infinity is a common point."""
+    angles = turned + np.arange(8) * np.pi / 4
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    fours = np.array(list(combinations(range(8), 4)))
+    pairs = np.array([through(around[four], (1.0, 0.3)) for four in fours])
+    met = intersections(np.diag([1.0, 1.0, -1.0]), pairs)
+    for four, found in zip(fours, met, strict=True):
+        np.testing.assert_allclose(in_order(np.round(found, 9)), in_order(np.round(around[four], 9)), atol=1e-8)
 
 
 def test_the_quadratic_is_that_of_the_matrix():

@@ -11,11 +11,12 @@ import mujoco
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.nacs import compile_nacs
 from sim.cli import crosscheck as command_crosscheck
-from sim.crosscheck import model_variants
+from sim.crosscheck import attribution, model_variants
 from sim.crosscheck.attribution import Attribution, present, size_deg
 from sim.crosscheck.bench import Check
 from sim.crosscheck.divergence import IDEAL, divergence, kinetic_energy, momentum_N, passes, thresholds
@@ -162,6 +163,16 @@ def made_up(alone: np.ndarray, missing: np.ndarray, total: np.ndarray) -> Attrib
     shape = (len(alone), 1, 1, 3)
     none = np.zeros((1, 1, 3))
     return Attribution(("a", "b"), alone.reshape(shape), missing.reshape(shape), total.reshape(1, 1, 3), none, np.zeros((1, 1)))
+
+
+def test_how_far_a_model_is_turned_is_said_in_inertial_axes():
+    """SciPy turns bodies by vectors whose components are those along N."""
+    random = np.random.default_rng(8)
+    body, vector = Rotation.random(50, random_state=9), random.uniform(-0.6, 0.6, (50, 3))
+    reference, state = np.zeros((2, 50, 11))
+    reference[:, :4], state[:, :4] = body.as_quat(), (Rotation.from_rotvec(vector) * body).as_quat()
+    np.testing.assert_allclose(attitude_matrix(reference[:, :4]), body.inv().as_matrix(), atol=1e-14)  # so that both mean the same
+    np.testing.assert_allclose(attribution._turn(state, reference), vector, atol=1e-12)
 
 
 def test_effects_that_interact_in_a_pair_share_what_they_do_together():

@@ -84,6 +84,10 @@ LAID: dict[str, list[tuple[str, dict, dict[Effect, np.ndarray]]]] = {
         ("body", {"wheel": 3}, {effects.LOCKED: but((4,), 0.0, (2, 1.0))}),
         ("formation", {"wheel": 3, "agents": [2]}, {effects.LOCKED: but((3, 4), 0.0, (WHEEL, 1.0))}),
     ],
+    "friction": [
+        ("body", {"wheel": 3, "torque_nm": 2e-4}, {effects.FRICTION: but((4,), 0.0, (2, 2e-4))}),
+        ("formation", {"wheel": 3, "agents": [2], "torque_nm": 2e-4}, {effects.FRICTION: but((3, 4), 0.0, (WHEEL, 2e-4))}),
+    ],
     "no-command": [
         ("body", {}, {effects.DRIVE_GAIN: np.zeros(4)}),
         ("formation", {"agents": [2]}, {effects.DRIVE_GAIN: but((3, 4), 1.0, (SECOND, 0.0))}),
@@ -339,6 +343,7 @@ BAD = [
     ("body", {"kind": "bias", "size": 1, "start_s": 1.0}, "give duration_s or end_s, one of the two"),
     ("body", {"kind": "bias", "size": 1, **T, "end_s": 3.0}, "give duration_s or end_s, one of the two"),
     ("body", {"kind": "bias", "size": 1, "start_s": 3.0, "end_s": 2.0}, "end_s = 2 is not after start_s = 3"),
+    ("body", {"kind": "bias", "size": 1, "start_s": 3.0, "end_s": 3.0}, "end_s = 3 is not after start_s = 3"),
     ("consensus", {"kind": "dynamics", "gain": [1, 1], **T, "end_s": 3.0}, "give duration_s or end_s"),
     ("body", {"kind": "bias", "size": 1, "start_s": 99.5, "duration_s": 1.0}, "lasts from 99.5 to 100.5 s, the run from 0 to 100 s"),
     ("body", {"kind": "bias", "size": 1, "start_s": 100.0, "end_s": 101.0}, "begins at 100 s, the run ends at 100 s"),
@@ -357,6 +362,7 @@ BAD = [
     ("plain", {"kind": "float", "wheel": 1, **T}, "the plant has no wheels"),
     ("formation", {"kind": "lock", "wheel": "all", **T}, "the agents have no wheels"),
     ("testbeds", {"kind": "lock", "wheel": 5, **T}, "there is no wheel 5; each agent has 4"),
+    ("body", {"kind": "lock", "wheel": 5, **T}, "there is no wheel 5; wheels are 1 to 4 or 'all'"),
     ("consensus", {"kind": "float", "wheel": 1, **T}, "agents in the plane cannot have it; it is a fault of one body and a formation"),
     ("body", {"kind": "cut", "links": [[1, 2]], **T}, "one body cannot have it; it is a fault of a formation and agents in the plane"),
     ("consensus", {"kind": "cut", "links": [[1, 3]], **T}, "there is no link 1-3"),

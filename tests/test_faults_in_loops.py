@@ -163,6 +163,19 @@ def test_the_dry_friction_of_a_bearing_that_seizes_slowly_grows_linearly():
     np.testing.assert_array_equal(given[-1][2], own)
 
 
+def test_a_braked_wheel_slows_down_by_the_brakes_torque_over_its_inertia():
+    """J_w d(Omega)/dt = -(T + T_own) sign(Omega) - c Omega of a wheel that floats, and it stands in the end."""
+    braked = {"kind": "friction", "wheel": 2, "torque_nm": 3e-4, "start_s": 1.0}
+    floating = {"kind": "float", "wheel": 2, "start_s": 1.0}
+    settings = {"run.ticks": 80, "start.wheel_speed_rad_s": [0.0, 80.0, 0.0, 0.0], "faults": [floating, braked], "plant.air_torque_nm": 0.0}
+    scenario = files.load("nacs/fault-free", settings | {"reference.amplitude_deg": [0.0, 0.0, 0.0]})
+    speed = run(build(scenario, np.arange(1))).channels["truth/state"][:, 0, 8]
+    plant = scenario.plant
+    slope = (3e-4 + plant.wheel_coulomb_nm + plant.wheel_viscous_nms * np.mean(speed[12:30])) / plant.wheel_inertia_kg_m2
+    assert (speed[12] - speed[30]) / 1.8 == pytest.approx(slope, rel=0.03)  # the body turns a little with it
+    assert np.abs(speed[-10:]).max() < 1.0
+
+
 def test_one_agent_is_pushed_and_another_made_heavier():
     push = {"kind": "external-torque", "agents": [2], "torque_nm": 0.05, "direction": [0, 0, 1]}
     plain, pushed = flown("formation/fault-free", loop="truth"), flown("formation/fault-free", push, loop="truth")

@@ -17,7 +17,7 @@ from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.replay.flight_log import FlightLog, export
 from sim.replay.log_columns import columns_of
-from sim.replay.plausibility import COMMANDS, RATES, SPEEDS, TIMES, complaints
+from sim.replay.plausibility import COMMANDS, RATES, SPEEDS, TIMES, _read_between, complaints
 from sim.scenario.files import load
 
 LEAN: dict[str, object] = {"observers": {"ekf": {"type": "ekf"}}, "control.feedback": "truth"}
@@ -62,6 +62,12 @@ def scalar_first(log: FlightLog) -> FlightLog:
     reading = log.reading.copy()
     reading[..., :4] = np.roll(reading[..., :4], 1, axis=-1)
     return replace(log, reading=reading)
+
+
+def test_a_span_is_read_if_either_end_or_anything_between_is():
+    known = np.array([False, True, False, False, False, True, False])
+    np.testing.assert_array_equal(_read_between(known, np.array([0, 2, 4, 5])), [True, False, True])
+    np.testing.assert_array_equal(_read_between(known, np.array([1, 3, 6])), [True, True])
 
 
 RATE, WHEELS = slice(4, 7), slice(7, None)
@@ -136,6 +142,14 @@ def test_noise_alone_tells_nothing() -> None:
         rest = 1e-3 * random.standard_normal(log.reading[..., 4:].shape)
         noise = replace(log, reading=np.concatenate([q, rest], axis=-1), known=1e-6 * random.standard_normal(log.known.shape))
         assert complaints(noise, scenario) == []
+
+
+@pytest.mark.parametrize("missing", [slice(0, 4), slice(4, 7), slice(0, 7)], ids=["attitudes", "rates", "both"])
+def test_without_attitudes_or_rates_nothing_tells_of_them(missing: slice) -> None:
+    scenario, log = flight("as published")
+    reading = log.reading.copy()
+    reading[1:, :, missing] = np.nan  # one is left
+    assert complaints(replace(log, reading=reading), scenario) == []
 
 
 def test_agents_in_the_plane_are_held_against_their_velocities() -> None:

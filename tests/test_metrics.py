@@ -9,7 +9,7 @@ from models.attitude.quaternion import from_rotation_vector
 from models.plants.nacs import compile_nacs
 from sim.faults.timeline import Occurrence
 from sim.loop.recording import Recording
-from sim.metrics.detection import censored_median, detections
+from sim.metrics.detection import censored_median, detections, false_alarms
 from sim.metrics.one_body import evaluate, phases
 
 TICKS, TRIALS = 40, 2
@@ -171,6 +171,15 @@ def test_faults_missed_faults_found_and_alarms_for_nothing_are_counted_in_one_ru
     }  # fmt: skip
     for metric, value in expected.items():
         assert found["hybrid", metric, "all"] == pytest.approx(value), metric
+
+
+def test_alarms_for_nothing_are_not_those_that_come_late() -> None:
+    """Raised at 2, at 6 and again at 36 for nothing, at 32 for the fault of 25 to 30."""
+    declared = alarms((2, 4), (6, 7), (32, 34), (36, 40))
+    clear = np.ones_like(declared)
+    clear[:, 25:31] = False
+    raised = false_alarms(declared, clear, detections(declared, [wheel(25, 30)]))
+    np.testing.assert_array_equal(np.flatnonzero(raised[0]), [2, 6, 36])
 
 
 def test_a_filter_without_a_detector_is_not_one_that_never_alarms() -> None:

@@ -78,6 +78,14 @@ def against_kalman(proposal, particles: int, trials: int = 24, ticks: int = 12, 
     return np.array(mean), np.array(variance), surplus, np.array(nis), np.array(effective)
 
 
+@every_proposal
+def test_weights_sum_to_one_from_the_first_belief_on(proposal):
+    filter_ = body_filter(proposal=proposal)
+    for belief in tumble(filter_, 4, 3)[1]:
+        np.testing.assert_allclose(np.sum(np.exp(belief.log_weights), axis=-1), 1.0, rtol=1e-12)
+        np.testing.assert_allclose(belief.ess, 1.0 / np.sum(np.exp(2.0 * belief.log_weights), axis=-1), rtol=1e-9)
+
+
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 

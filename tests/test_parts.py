@@ -82,6 +82,22 @@ def test_every_kind_of_draw_takes_the_same_share_of_the_stream(draw, mean, devia
     assert used.random() == untouched.random()
 
 
+@every_draw
+def test_a_greater_share_is_a_greater_value(draw, mean, deviation):
+    values = [draw.quantile(share) for share in np.linspace(0.0, 0.999, 50)]
+    assert (np.diff(values) >= 0.0).all()
+    assert deviation == 0.0 or values[-1] > values[0]
+
+
+def test_quantiles_and_bounds_by_hand():
+    normal = Draw(normal=(1.0, 0.3))
+    assert normal.bounds() == pytest.approx((-0.5, 2.5))  # five deviations
+    assert normal.quantile(0.841344746) == pytest.approx(1.3, rel=1e-6)  # one
+    assert Draw(uniform=(-1.0, 5.0)).quantile(0.25) == 0.5
+    assert Draw(log_uniform=(0.01, 1.0)).quantile(0.5) == pytest.approx(0.1)
+    assert Draw(choice=(1.0, 2.0, 6.0)).bounds() == (1.0, 6.0)
+
+
 def test_every_choice_is_drawn_equally_often():
     rng = np.random.default_rng(1)
     sample = [Draw(choice=(1.0, 2.0, 6.0)).sample(rng) for _ in range(9000)]
@@ -94,7 +110,10 @@ def test_a_plain_number_is_a_constant_draw():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{}, {"uniform": [2, 1]}, {"log_uniform": [0, 1]}, {"choice": []}, {"constant": 1, "uniform": [0, 1]}, {"gamma": [1, 2]}, True, "fast"],
+    [
+        *({}, {"uniform": [2, 1]}, {"uniform": [2, 2]}, {"log_uniform": [0, 1]}, {"log_uniform": [2, 2]}, {"normal": [0, -1]}),
+        *({"choice": []}, {"constant": 1, "uniform": [0, 1]}, {"gamma": [1, 2]}, True, "fast"),
+    ],
 )
 def test_what_is_no_draw_is_refused(wrong):
     with pytest.raises(ValidationError):
@@ -212,6 +231,21 @@ def test_readings_end_at_the_sensors_range():
     got = readings(IDEAL, states)
     np.testing.assert_array_equal(got[..., 4:7], np.clip(states[..., 4:7], -34.9, 34.9))
     np.testing.assert_array_equal(got[1:, :, 7:], -IDEAL.wheel_full_scale_rad_s)
+
+
+def test_a_sensor_that_one_trial_lacks_or_reads_seldom_is_read_in_the_others():
+    blind, seldom = differing(gyro=False), differing(wheel_period_s=0.3)
+    everyone, states = SensorArrays.of([IDEAL, blind, seldom]), moving(7, 3)
+    sensors = Sensors(everyone, draw_noise(everyone, 1, np.arange(3), 7, WHEELS, TICK), Timeline(TICK), TICK)
+    expected = states.copy()
+    expected[:, 1, 4:7] = np.nan
+    expected[[1, 2, 4, 5], 2, 7:] = np.nan
+    for k, state in enumerate(states):
+        read = sensors.read(k, Truth(k * TICK, state[:, :4], state[:, 4:7], state[:, 7:], state, state), states[: k + 1])
+        np.testing.assert_array_equal(read, expected[k])
+        np.testing.assert_array_equal(sensors.due(k)["due"], ~np.isnan(expected[k]))
+    ideal = SensorArrays.of([IDEAL])
+    assert Sensors(ideal, draw_noise(ideal, 1, np.arange(1), 7, WHEELS, TICK), Timeline(TICK), TICK).due(3) == {}
 
 
 def test_a_late_reading_describes_the_past():

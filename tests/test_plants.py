@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from models.attitude.quaternion import from_rotation_vector
 from models.dynamics.wheel_faults import WheelFault
 from models.plants.register.entries import KINDS, kind_of
 from sim.campaign.draws import draw
@@ -20,6 +21,7 @@ from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import Job, fly
 from sim.loop.variants import Variants
 from sim.plant.batch import Plant
+from sim.plant.kinds import check_speeds, check_tilt
 from sim.scenario.files import dumped
 from sim.scenario.files import load as load_scenario
 
@@ -32,6 +34,31 @@ SCENARIOS = {
     "flexible": "antenna-mapping/panelsat",
     "monolithic": "monolithic/compare",
 }
+
+
+# limits -----------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["nacs", "freeflyer"])
+def test_a_wheel_is_at_most_as_flat_as_a_disc_without_thickness(kind: str) -> None:
+    """The moment about the axis of a plane figure is the sum of those across it."""
+    make = KINDS[kind].parameters
+    across = make().wheel_transverse_inertia_kg_m2
+    assert make(wheel_inertia_kg_m2=2.0 * across).wheel_inertia_kg_m2 == 2.0 * across
+    with pytest.raises(ValueError, match="twice wheel_transverse_inertia"):
+        make(wheel_inertia_kg_m2=2.001 * across)
+
+
+def test_a_start_may_be_at_a_limit_and_not_beyond_it() -> None:
+    plant = KINDS["nacs"].parameters()
+    top = plant.no_load_speed
+    check_speeds(plant, (0.0, -top, 0.0, 0.0), "start")
+    with pytest.raises(ValueError, match="beyond the no-load speed"):
+        check_speeds(plant, (0.0, -1.0001 * top, 0.0, 0.0), "start")
+    tilted = [from_rotation_vector(np.radians([0.0, angle, 0.0])) for angle in (29.99, 30.01)]
+    check_tilt(plant, np.array(tilted[:1]), "start")
+    with pytest.raises(ValueError, match=r"tilted by 30\.01 deg, and the stop is at 30 deg"):
+        check_tilt(plant, np.array(tilted), "start")
 
 
 # entries ----------------------------------------------------------------------------------------------------------------------

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
 from estimation.marginalised_unscented import GivenMotion, GivenParameters, MarginalisedUnscentedFilter
 from estimation.particle import Draws, ParticleFilter
 from estimation.proposals import ConstantNoise
-from estimation.rao_blackwellised import BlockDraws, Joint, RaoBlackwellisedFilter
+from estimation.rao_blackwellised import BlockBelief, BlockDraws, Joint, RaoBlackwellisedFilter
 from estimation.sigma_points import SigmaPoints
 from estimation.state_space import Euclidean
 from models.chebyshev_network import ChebyshevNetwork
@@ -105,6 +106,86 @@ def test_the_exact_posterior_within_monte_carlo_error(sampled, proposal):
     assert 0.2 < off[900] / off[100] < 0.5  # a third, as Monte Carlo error goes
 
 
+# two components each, nothing symmetric: every particle's Gaussian against conditioning of the joint one ------------------------------
+
+TURN = np.array([[0.9, 0.3, 0.1, -0.2], [-0.4, 0.8, 0.3, 0.1], [0.2, -0.1, 0.7, 0.5], [0.0, 0.3, -0.6, 0.8]])
+SHAKE = 0.3 * np.array([[1.0, 0.8, -0.2, 0.5], [0.0, 0.6, 0.4, -0.3], [0.0, 0.0, 0.9, 0.7], [0.0, 0.0, 0.0, 0.7]])
+DRIVE = np.array([1.0, -2.0, 0.5, 1.5])
+SEEN = np.array([[1.0, 0.4, -0.7, 0.2], [0.3, -0.9, 0.1, 1.1], [-0.5, 0.2, 0.8, 0.6]])
+ERROR = 0.4 * np.array([[1.0, 0.0, 0.0], [0.6, 0.9, 0.0], [-0.4, 0.3, 1.2]])
+
+
+class TwoByTwo:
+    """x' = F x + b u + w, of which the first two components are sampled, with full covariances."""
+
+    def joint(self, sampled, mean, covariance, command, dt):
+        after = np.concatenate([sampled, mean], axis=-1) @ TURN.T + dt * DRIVE * command
+        spread = TURN[:, 2:] @ covariance @ TURN[:, 2:].T + SHAKE @ SHAKE.T
+        return Joint(after[..., :2], after[..., 2:], spread[..., :2, :2], spread[..., 2:, :2], spread[..., 2:, 2:])
+
+
+def given(mean, covariance, known, value):
+    """Mean and covariance of the other components of a Gaussian once those of `known` have a value."""
+    rest = np.setdiff1d(np.arange(len(mean)), known)
+    gain = covariance[np.ix_(rest, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
+    left = covariance[np.ix_(rest, rest)] - gain @ covariance[np.ix_(known, rest)]
+    return mean[rest] + gain @ (value - mean[known]), left
+
+
+@pytest.mark.parametrize("lost", [[], [1]], ids=["all-read", "one-missing"])
+@pytest.mark.parametrize("proposal", ["optimal", "prior"])
+def test_a_particles_gaussian_and_weight_are_those_of_the_joint_distribution(proposal, lost):
+    """The joint Gaussian of both blocks and the reading, 2 + 2 + 3 components, conditioned at once on what was drawn and read."""
+    particles, rng = 5, np.random.default_rng(21)
+    filter = RaoBlackwellisedFilter(TwoByTwo(), SEEN[:, :2], SEEN[:, 2:], ERROR @ ERROR.T, particles, proposal, threshold=0.0)
+    root = rng.standard_normal((1, particles, 2, 2))
+    weights = rng.dirichlet(np.ones(particles))
+    before = BlockBelief(
+        *rng.standard_normal((2, 1, particles, 2)), root @ root.swapaxes(-1, -2), np.log(weights)[None], np.array([5.0]), np.zeros(1)
+    )
+    command, reading, draws = (
+        np.array([[0.7]]),
+        rng.standard_normal((1, 3)),
+        BlockDraws(rng.standard_normal((1, particles, 2)), np.zeros(1)),
+    )
+    reading[:, lost] = np.nan
+    after = filter.step(before, command, reading, DT, draws)
+    read = np.setdiff1d(np.arange(3), lost)
+    everything, error = np.concatenate([np.eye(4), SEEN[read]]), ERROR @ ERROR.T
+    likelihood = np.empty(particles)
+    for i in range(particles):
+        x = np.concatenate([before.sampled[0, i], before.mean[0, i]])
+        spread = TURN[:, 2:] @ before.covariance[0, i] @ TURN[:, 2:].T + SHAKE @ SHAKE.T
+        mean, joint = everything @ (TURN @ x + DT * DRIVE * 0.7), everything @ spread @ everything.T
+        joint[4:, 4:] += error[np.ix_(read, read)]
+        z, seen = reading[0, read], np.arange(4, 4 + len(read))
+        if proposal == "optimal":
+            centre, wide = given(mean, joint, seen, z)
+            likelihood[i] = multivariate_normal(mean[4:], joint[4:, 4:]).pdf(z)
+        else:
+            centre, wide = mean, joint
+        drawn = centre[:2] + np.linalg.cholesky(wide[:2, :2]) @ draws.normals[0, i]
+        if proposal == "prior":
+            expected, uncertain = given(mean, joint, np.arange(2), drawn)
+            likelihood[i] = multivariate_normal(expected[2:], uncertain[2:, 2:]).pdf(z)
+        np.testing.assert_allclose(after.sampled[0, i], drawn, rtol=1e-10)
+        left, narrow = given(mean, joint, np.concatenate([[0, 1], seen]), np.concatenate([drawn, z]))
+        np.testing.assert_allclose(after.mean[0, i], left, rtol=1e-9)
+        np.testing.assert_allclose(after.covariance[0, i], narrow, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(after.log_likelihood, np.log(np.sum(weights * likelihood)), rtol=1e-10)
+    np.testing.assert_allclose(np.exp(after.log_weights[0]), weights * likelihood / np.sum(weights * likelihood), rtol=1e-10)
+
+
+def test_the_first_particles_have_the_covariance_that_is_given():
+    spread = np.array([[2.0, 1.2], [1.2, 1.0]])
+    normals = np.random.default_rng(5).standard_normal((1, 4000, 2))
+    filter = RaoBlackwellisedFilter(TwoByTwo(), SEEN[:, :2], SEEN[:, 2:], ERROR @ ERROR.T, 4000)
+    first = filter.initial(np.array([[3.0, -1.0]]), spread, np.zeros((1, 2)), np.eye(2), BlockDraws(normals, np.zeros((1, 4000))))
+    np.testing.assert_allclose(np.sum(np.exp(first.log_weights)), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(first.sampled_mean[0], [3.0, -1.0], atol=4 * (2.0 / 4000) ** 0.5)
+    np.testing.assert_allclose(first.sampled_covariance[0], spread, atol=0.15)
+
+
 class Plain:
     """The same system, discrete, for the plain particle filter."""
 
@@ -198,6 +279,7 @@ def test_given_its_parameters_the_motion_is_an_unscented_filter():
     towards = 0.01 * AGENT.by_weights(mean)
     np.testing.assert_allclose(joint.covariance[..., :2, :2], expected[..., :2, :2] + 1e-6 * np.eye(2), atol=1e-6)
     np.testing.assert_allclose(joint.cross[..., 2:, :], 1e-4 * towards, rtol=1e-12)
+    np.testing.assert_allclose(joint.cross[..., :2, :], 1e-4 * 0.005 * towards, rtol=1e-12)  # held for a tick of 0.01 s
 
 
 @pytest.mark.parametrize("proposal", ["optimal", "prior"])

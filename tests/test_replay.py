@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimation.consistency import average_test
+from models.dynamics.state_layout import StateLayout
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.loop.recording import Recording
@@ -21,7 +22,7 @@ from sim.replay.flight_log import FlightLog, export, read
 from sim.replay.flight_log import about as said_by
 from sim.replay.log_columns import columns_of
 from sim.replay.metrics import evaluate
-from sim.replay.replay import Replayed, judge, replay
+from sim.replay.replay import Consistency, Replayed, _seen, judge, replay
 from sim.replay.setting import choose, setting
 from sim.scenario.files import load
 from sim.user_code.user_code import UserCode
@@ -159,6 +160,52 @@ def test_consistency_is_judged_with_the_components_that_were_read(tmp_path: Path
     gone = np.isnan(log.reading)
     assert np.isnan(replayed.innovation["mekf"][gone[..., 4]][:, 3:6]).all()
     assert np.isfinite(replayed.innovation["mekf"][1:][~gone[1:].any(axis=-1)]).all()
+
+
+@pytest.mark.parametrize("read", [10, 7, 4])
+def test_the_share_of_nis_inside_is_that_of_chi_square_numbers(read: int) -> None:
+    """Numbers with so many degrees of freedom in 4000 ticks of five trials: 0.95 of their means are inside, and not of other ones."""
+    drawn = np.random.default_rng(read).chisquare(read, (4000, 5))
+    white = np.random.default_rng(2).standard_normal((4000, 5, 10))
+
+    def judged(dof: float) -> Consistency:
+        channels = {"f/nis": drawn, "f/dof": np.full_like(drawn, dof)}
+        return judge(Replayed("loop", Recording(0.1, np.arange(5), channels, {"f": None}), {"f": white}, StateLayout.of_a_body(4)), "f")
+
+    assert judged(read).nis_inside == pytest.approx(0.95, abs=0.014)  # four deviations
+    assert judged(read + 1).nis_inside < 0.93
+    assert judged(read).white == pytest.approx(0.95, abs=0.06)
+
+
+def test_an_innovation_is_of_what_was_read_in_its_own_coordinates() -> None:
+    """Nothing is predicted at the first tick; then a component of the attitude is missing, and then the speed of the second wheel."""
+    body = np.zeros((3, 1, 11))
+    body[1, 0, 1] = body[2, 0, 8] = np.nan
+    cases = [  # reading, layout, error coordinates, those that are missing at the second tick and at the third
+        (body, StateLayout.of_a_body(4), 11, [0, 1, 2, 3], [8]),
+        (body, StateLayout.of_a_body(4), 10, [0, 1, 2], [7]),
+        (body, StateLayout.of_a_body(4), 6, [0, 1, 2], []),  # wheel speeds are no states
+        (body[..., :3], StateLayout.by_rodrigues(1), 6, [1, 3, 4, 5], [3, 4, 5]),  # rates are never read
+        (body[..., 5:9], StateLayout.in_the_plane(1), 6, [4, 5], [3, 4, 5]),  # nor what is learned
+    ]
+    for reading, layout, size, second, third in cases:
+        expected = np.ones((3, 1, size))
+        expected[0], expected[1, 0, second], expected[2, 0, third] = np.nan, np.nan, np.nan
+        np.testing.assert_array_equal(_seen(np.ones((3, 1, size)), reading, layout), expected, err_msg=f"{size} of {reading.shape[-1]}")
+
+
+def test_the_degrees_of_freedom_of_a_reading_are_ten_and_seven_without_the_gyro() -> None:
+    silent = {"kind": "drop-out", "sensor": "gyro", "start_s": 0.5, "duration_s": 0.5}
+    blind = {"kind": "drop-out", "sensor": "attitude", "start_s": 1.5, "duration_s": 0.5}
+    recording = run(build(load("nacs/fault-free", {"run.ticks": 25, "faults": [silent, blind]}), np.arange(2)))
+    for name in recording.observers:  # a unit quaternion's four components count three
+        np.testing.assert_array_equal(recording.channels[f"{name}/dof"][1:, 0], np.repeat([10, 7, 10, 7, 10], [4, 5, 5, 5, 5]))
+
+
+def test_a_log_of_two_rows_is_a_log(tmp_path: Path, table: pa.Table) -> None:
+    pq.write_table(table.slice(10, 2), tmp_path / "two.parquet")
+    (log,) = read(tmp_path / "two.parquet", columns_of(load("nacs/disturbance")))
+    assert (log.reading.shape, log.dt) == ((2, 1, 11), 0.1)
 
 
 def test_an_attitude_that_is_read_in_part_is_not_read_and_its_sign_says_nothing(tmp_path: Path) -> None:

@@ -10,9 +10,12 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from control import conics
+from control.antenna_pointing import AntennaPointing
 from control.candidate_controllers import CandidateSearch
 from control.falsification import DAMPING_PARABOLA, Specification, energy, tightened, values
+from control.tracking import Estimate, Target
 from control.unfalsified import Events, Memory, UnfalsifiedController
+from models.attitude.quaternion import IDENTITY, from_rotation_vector
 from sim.scenario.antenna_reference import AntennaCuts, antenna_mapping
 
 INERTIA = np.array([6000.0, 15000.0])  # kg m2, azimuth and elevation, hub and panel
@@ -262,6 +265,36 @@ def test_a_controller_that_an_archived_test_falsifies_is_not_taken():
     without = CandidateSearch().nearest(theta, tests[where], past[:-1], *box)
     assert without is not None
     np.testing.assert_array_equal(without.theta, taken)
+
+
+def test_where_everything_is_falsified_the_gains_stay_and_nothing_has_switched():
+    _, before, after, events, tests = flight(FULL).events[0]
+    where = tuple(np.argwhere(events.switched)[0])
+    hopeless = before._replace(archive=np.broadcast_to(np.eye(3), before.archive.shape), archived=np.ones_like(before.archived))
+    theta, switched, from_grid = FULL.controller()._replace(hopeless, tests, events.falsified)
+    np.testing.assert_array_equal(theta, before.theta)
+    assert events.falsified[where]
+    assert not switched.any()
+    assert not from_grid.any()
+    assert not np.array_equal(after.theta[where], before.theta[where])  # with its own archive it finds one
+
+
+def test_an_antenna_s_torque_is_about_its_own_axes_and_late():
+    """Azimuth is about z, elevation about x, the held axis y has a PD of its own; two trials, two ticks of delay."""
+    channels = UnfalsifiedController(np.array([4.0, 2.0]), pace=1.0, tick_s=0.1, quantum=1e-4, frozen=True)
+    pointing = AntennaPointing(channels, proportional=3.0, derivative=5.0, delay_ticks=2)
+    turn, rate = np.array([[0.01, 0.02, 0.03], [-0.02, 0.0, 0.01]]), np.array([[1e-3, 2e-3, 3e-3], [0.0, -1e-3, 2e-3]])
+    estimate, target = Estimate(from_rotation_vector(turn), rate, np.zeros((2, 4))), Target(IDENTITY, np.zeros(3), np.zeros(3))
+    memory, given = pointing.start(estimate), []
+    for _ in range(4):
+        decision = pointing.decide(estimate, target, memory)
+        memory, given = decision.memory, [*given, decision.torque_B]
+    (azimuth, elevation), (damp_azimuth, damp_elevation) = (gains[0] for gains in channels.gains(memory.channels))
+    stiff, damping = np.array([elevation, 3.0, azimuth]), np.array([damp_elevation, 5.0, damp_azimuth])
+    np.testing.assert_array_equal(given[:2], 0.0)
+    shares = np.array([[1.0 / azimuth, damp_azimuth / azimuth], [1.0 / elevation, damp_elevation / elevation]])
+    np.testing.assert_allclose(decision.notes["theta"], [shares, shares], rtol=1e-12)
+    np.testing.assert_allclose(given[2:], np.broadcast_to(-stiff * turn - damping * rate, (2, 2, 3)), rtol=1e-9)
 
 
 # flights ----------------------------------------------------------------------------------------------------------------------
