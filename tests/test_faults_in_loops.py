@@ -165,8 +165,8 @@ def test_the_dry_friction_of_a_bearing_that_seizes_slowly_grows_linearly():
 
 def test_a_braked_wheel_slows_down_by_the_brakes_torque_over_its_inertia():
     """J_w d(Omega)/dt = -(T + T_own) sign(Omega) - c Omega of a wheel that floats, and it stands in the end."""
-    braked = {"kind": "friction", "wheel": 2, "torque_nm": 3e-4, "start_s": 1.0}
-    floating = {"kind": "float", "wheel": 2, "start_s": 1.0}
+    braked = {"kind": "friction", "wheel": 2, "torque_nm": 3e-4, "start_s": 1.0, "duration_s": 7.0}
+    floating = {"kind": "float", "wheel": 2, "start_s": 1.0, "duration_s": 7.0}
     settings = {"run.ticks": 80, "start.wheel_speed_rad_s": [0.0, 80.0, 0.0, 0.0], "faults": [floating, braked], "plant.air_torque_nm": 0.0}
     scenario = files.load("nacs/fault-free", settings | {"reference.amplitude_deg": [0.0, 0.0, 0.0]})
     speed = run(build(scenario, np.arange(1))).channels["truth/state"][:, 0, 8]
