@@ -13,10 +13,10 @@ class LeadCompensator:
         numerator, self.denominator, _ = cont2discrete((gain * np.array([1.0, zero]), [1.0, pole]), setting.tick_s, method="bilinear")
         self.numerator = numerator[0]
 
-    def torque(self, reference, angle, rate):
+    def torque(self, reference, angle, rate):  # noqa: ARG002
         """The law itself: torque on the body, N m; all (ticks, trials). Optional; `nacs falsify` then sees that the two fit together."""
         return lfilter(self.numerator, self.denominator, reference - angle, axis=0)
 
-    def reference(self, torque, angle, rate):
+    def reference(self, torque, angle, rate):  # noqa: ARG002
         """The reference, rad, under which the law gives this torque: its causal inverse."""
         return angle + lfilter(self.denominator, self.numerator, torque, axis=0)

@@ -102,7 +102,9 @@ class AntennaFlight(Flight):
 
     @property
     def panels(self) -> dict[str, Array]:
-        """Angles of joints that are neither the hub's nor a wheel's, by name, (ticks,) deg."""
+        """Angles of joints that are neither the hub's nor a wheel's, by name, (ticks,) deg; none of a body without flexible appendage."""
+        if kind_of(self.scenario.plant).linear_channel is None:
+            return {}
         model = self.assembly.model
         joints = (model.joint(i) for i in range(model.njnt))
         driven = {*self.assembly.attitude_joints, *self.assembly.wheel_joints}

@@ -25,10 +25,10 @@ def antenna(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     """Antenna mapping: how the loops point and what it takes, what they switched to, and what that truly is."""
     found = {(row.subject, row.metric, row.phase): row.mean for row in rows}
     channels = [c for c in ("azimuth", "elevation") if any(row.subject == c for row in rows)]
-    names = list(scenario.loops)
+    names = list(scenario.loop_names)
     table = plain_table(
         "Pointing error and torque, RMS of the second half of the run",
-        f"means over {counted(trials, 'trial')}; ratio: {names[0]} over {names[-1]}",
+        f"means over {counted(trials, 'trial')}" + (f"; ratio: {names[0]} over {names[-1]}" if len(names) > 1 else ""),
     )
     table.add_column("channel")
     for unit in ("deg", "N m"):

@@ -36,6 +36,8 @@ def _body(rows: list[Row], scenario: Scenario, trials: int, guests: tuple[str, .
     if scenario.published:
         shown.append(one_body.residuals(rows, scenario.published))
     shown.append(one_body.estimators(rows, [*scenario.observers, *guests], scenario.published, trials))
+    if any(row.metric == "rms_pointing_deg" for row in rows):
+        shown += antenna.antenna(rows, scenario, trials)
     return [*shown, f"{one_body.loop(rows)}{f', controller {law}' if law else ''}"]
 
 
