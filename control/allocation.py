@@ -25,6 +25,10 @@ class Allocation(Protocol):
         """Torque of each motor on its wheel, (..., wheels) N m, and the memory after it; torque_B (..., 3) N m."""
         ...
 
+    def notes(self, memory: Array) -> dict[str, Array]:
+        """What is worth recording of the memory, by name, (...,)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PseudoInverseAllocation:
@@ -53,6 +57,10 @@ class PseudoInverseAllocation:
         """Torque of each motor on its wheel, (..., wheels) N m; torque_B (..., 3) N m; estimate and memory are not used."""
         return scaled(-(self._inverse @ torque_B[..., None])[..., 0], self.torque_limit), memory
 
+    def notes(self, memory: Array) -> dict[str, Array]:  # noqa: ARG002
+        """Nothing."""
+        return {}
+
 
 class DirectTorque:
     """No sharing: torques act on the body itself, one about each axis."""
@@ -64,6 +72,10 @@ class DirectTorque:
     def step(self, torque_B: Array, estimate: Estimate, memory: Array) -> tuple[Array, Array]:  # noqa: ARG002
         """The torque on the body as it is, (..., 3) N m; estimate and memory are not used."""
         return torque_B, memory
+
+    def notes(self, memory: Array) -> dict[str, Array]:  # noqa: ARG002
+        """Nothing."""
+        return {}
 
 
 def scaled(wheel_torque: Array, limit: float) -> Array:

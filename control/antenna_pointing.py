@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class AntennaPointing:
       derivative: of the held axis, N m s/rad.
       delay_ticks: from a torque's decision to its command.
       theta: of the first controllers, (..., 2, 2), in place of those of `channels`: for each channel 1/C_p rad/(N m) and C_d/C_p s.
+      integral: which integral action they have, whole numbers (..., 2), 0 for none; only of a law with candidates that have one.
     """
 
     channels: UnfalsifiedController
@@ -44,6 +45,7 @@ class AntennaPointing:
     derivative: float
     delay_ticks: int = 0
     theta: Array | None = None
+    integral: Array | None = None
 
     def start(self, estimate: Estimate) -> Pointing:
         """Angles are counted from the attitude at the start."""
@@ -53,6 +55,9 @@ class AntennaPointing:
         if self.theta is not None:
             unit = np.stack([self.channels.stiffness, np.full(len(AXES), self.channels.pace)], axis=-1)
             memory = memory._replace(theta=np.broadcast_to(self.theta * unit, memory.theta.shape))
+        if self.integral is not None and memory.databank is not None:
+            chosen = np.broadcast_to(self.integral.astype(np.int64), memory.databank.chosen.shape)
+            memory = memory._replace(databank=memory.databank._replace(chosen=chosen))
         return Pointing(memory, late)
 
     def decide(self, estimate: Estimate, target: Target, memory: Pointing) -> Decision:
@@ -64,11 +69,17 @@ class AntennaPointing:
         torque_B = np.stack([torque[..., 1], held, torque[..., 0]], axis=-1)
         late = np.concatenate([memory.late[1:], torque_B[None]])
         proportional, derivative = self.channels.gains(memory.channels)
-        notes = {
+        notes: dict[str, Any] = {
             "theta": np.stack([1.0 / proportional, derivative / proportional], axis=-1),
             "score": events.score,
             "falsified": events.falsified,
             "switched": events.switched,
             "from_grid": events.from_grid,
         }
+        if memory.channels.databank is not None:
+            notes |= {
+                "integral": memory.channels.databank.chosen,
+                "integral_per_s": self.channels.integral(memory.channels),
+                "asked": torque,
+            }
         return Decision(late[0], Pointing(channels, late), notes)

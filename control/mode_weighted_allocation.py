@@ -56,6 +56,11 @@ class ModeWeightedAllocation:
         """No mode is latched: ticks in a row above `latch_above`, (*shape, modes), held once they are `latch_ticks`."""
         return np.zeros((*shape, len(self.health)))
 
+    def notes(self, memory: Array) -> dict[str, Array]:
+        """`latched`: whether a mode with a failed wheel is believed for good, (...,)."""
+        failed = np.any(self.health < 1.0, axis=-1)
+        return {"latched": np.any((memory >= self.latch_ticks) & failed, axis=-1)}
+
     def step(self, torque_B: Array, estimate: Estimate, memory: Array) -> tuple[Array, Array]:
         """Torque of each motor on its wheel, (..., wheels) N m, and the memory after it; torque_B (..., 3) N m."""
         probabilities = estimate.mode_probabilities

@@ -177,7 +177,7 @@ def test_the_command_says_it_in_one_line_and_goes_on_when_it_is_trusted(nacs, tm
     assert {path.name for path in tmp_path.iterdir()} == {"true.parquet", "lab.parquet"}
     result = nacs("replay", "lab.parquet", "--filter", "mekf", "--trust", "--out", "it")
     assert (result.code, result.err.count("\n")) == (0, 1)
-    assert "warning: lab.parquet: rates look like deg/s in trial 1; replayed as it is" in result.err
+    assert "warning: lab.parquet: rates look like deg/s in trial 1; taken as it is" in result.err
     assert (tmp_path / "it" / "estimates.parquet").is_file()
 
 

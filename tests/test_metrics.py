@@ -11,6 +11,7 @@ from sim.faults.timeline import Occurrence
 from sim.loop.recording import Recording
 from sim.metrics.detection import censored_median, detections, false_alarms
 from sim.metrics.one_body import evaluate, phases
+from sim.scenario.files import load
 
 TICKS, TRIALS = 40, 2
 
@@ -82,6 +83,23 @@ def test_detection_is_counted_fault_by_fault(found) -> None:
     assert found["hybrid", "false_alarm_fraction", "recovery"][0] == pytest.approx(5 / 19)
     assert found["hybrid", "false_alarm_fraction", "nominal"][0] == 0
     assert ("hybrid", "false_alarm_fraction", "fault") not in found
+
+
+def test_a_latch_of_the_loops_allocation_declares_too() -> None:
+    """The closing observer's alarm stands on ticks 13 to 25; the latch closes at 12 for good. A watcher's alarm is its own."""
+    flown = recording()
+    channels = {
+        name.replace("hybrid", watcher): part for watcher in ("nis-fading", "nis-windowed") for name, part in flown.channels.items()
+    }
+    latch = np.zeros((TICKS, TRIALS), bool)
+    latch[12:, 0] = True
+    both = dataclasses.replace(
+        flown, channels=channels | {"control/latched": latch}, thresholds={"nis-fading": (2.0, 1.0), "nis-windowed": (2.0, 1.0)}
+    )
+    found = {m[:3]: m.values for m in evaluate(both, compile_nacs(), scenario=load("nacs/wheel-failure"))}
+    for name, delay, false in (("nis-fading", 0.2, 19 / 29), ("nis-windowed", 0.3, 5 / 29)):
+        assert found[name, "detection_delay_s", "all"][0] == pytest.approx(delay)
+        assert found[name, "false_alarm_fraction", "all"][0] == pytest.approx(false)
 
 
 def test_the_peak_of_the_statistic_is_relative_to_its_upper_threshold(found) -> None:

@@ -141,3 +141,12 @@ def test_a_mode_that_leaves_no_torque_about_an_axis_says_which():
     wheel = share([0.0, 0.0, 1.0], law=law)
     assert np.abs(wheel).max() < 1.0  # finite: nothing was scaled down
     np.testing.assert_allclose(-(wheel * [0, 0, 1, 1]) @ pairs.T, TORQUE * [0, 1, 1], atol=1e-5)  # the other axes are served
+
+
+def test_a_latch_is_told_and_that_of_the_healthy_mode_is_none():
+    memory, told_of = LAW.start(()), []
+    for modes in [CLEAR] * 5 + [SURE] * 3 + [CLEAR] * 2:
+        _, memory = LAW.step(TORQUE[0], told(modes), memory)
+        told_of.append(bool(LAW.notes(memory)["latched"]))
+    assert told_of == [False] * 7 + [True] * 3
+    assert PseudoInverseAllocation(AXES, 1.0).notes(memory) == {}

@@ -51,6 +51,16 @@ def test_the_mode_is_found_and_only_then(flown) -> None:
         assert (found[name, "lost_definiteness", "all"] == 0).all()
 
 
+def test_a_fault_that_the_allocation_latched_is_shown_as_found(flown) -> None:
+    found, modes = flown
+    for name in ("pd-imm-realloc", "smc-imm-realloc"):
+        assert (found[name, "missed_fraction", "all"] == 0).all()
+        assert (found[name, "detection_delay_s", "all"] < 60.0).all()
+        assert (found[name, "false_alarm_fraction", "all"] == 0).all()
+        late = 4500 + np.argmax(modes[name][4500:] > 0.7, axis=0)  # the latch closes ten ticks after this at the earliest
+        assert (found[name, "detection_delay_s", "all"] >= 0.1 * (late - 4500)).all()
+
+
 def test_efforts(flown) -> None:
     found, _ = flown
     for axis in "xyz":

@@ -18,6 +18,7 @@ from estimation.gaussian import LostDefiniteness
 from sim.bad_input import BadInput
 from sim.cli.campaign import campaign
 from sim.cli.crosscheck import crosscheck
+from sim.cli.falsify import falsify
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
 from sim.cli.run import run
@@ -53,6 +54,7 @@ def options(
 
 app.command("run")(run)
 app.command("replay")(replay)
+app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)
 app.command("campaign")(campaign)
 app.command("list")(list_scenarios)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.cli.plausible_log import check_plausible
 from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.terminal import FAILED, INTERRUPTED, Overrides, err, out, output_folder
 from sim.metrics.results import Row, rows, write_summary
@@ -21,9 +22,6 @@ from sim.scenario.surroundings import surroundings
 from sim.signals import SIGNALS
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
-
-if TYPE_CHECKING:
-    from sim.replay.flight_log import FlightLog  # Arrow takes its time to import
 
 FILES = ESTIMATES, SUMMARY, PICTURE = "estimates.parquet", "summary.json", "replay.png"
 
@@ -88,7 +86,7 @@ def replay(
     blocks = [block for block in blocks if block.loop not in skipped and (chosen[block.loop][1] or observers)]
     if not blocks:
         raise BadInput(f"{log}: no loop of it has a filter to be run; name one by --filter or --observer")
-    _check_plausible(log, blocks, scenario, trust)
+    check_plausible(log, blocks, scenario, trust)
     target = output_folder(folder, str(Path("replay") / log.stem), overwrite)
     for note in (note for block in blocks for note in block.notes):
         err.print(f"warning: {note}", style="yellow")
@@ -142,23 +140,6 @@ def replay(
                 "the same command with --overwrite replays all"
             )
             raise typer.Exit(INTERRUPTED)
-
-
-def _check_plausible(log: Path, blocks: list[FlightLog], scenario: AnyScenario, trust: bool) -> None:
-    """One line of what does not fit in a log; raises BadInput unless it is trusted."""
-    from sim.replay.plausibility import complaints
-
-    where: dict[str, list[int]] = {}
-    for trial, sentence in (found for block in blocks for found in complaints(block, scenario)):
-        where.setdefault(sentence, []).append(trial)
-    if not where:
-        return
-    every = len({int(trial) for block in blocks for trial in block.trials})
-    parts = [sentence + ("" if len(set(trials)) == every else f" in trial {trials[0]}") for sentence, trials in where.items()]
-    line = f"{log}: {'; '.join(parts)}"
-    if not trust:
-        raise BadInput(f"{line}; put it right (docs/replay.md has the units), or add --trust to replay the log as it is")
-    err.print(f"warning: {line}; replayed as it is", style="yellow")
 
 
 def _origin(about: dict[str, object], scenario: AnyScenario) -> str:

@@ -160,6 +160,8 @@ class UnfalsifiedSettings(LawSettings):
     quantum_deg: NonNegative = Field(0.001, description="step of the angle sensor")
     error_bound: Positive = Field(2.25, description="M1 of the weight W1 on the error")
     archive: Annotated[int, Field(ge=4, le=100_000)] = Field(40, description="past tests kept")
+    candidates: Literal["pd", "pid"] = Field("pd", description="whether laws with integral action are candidates too")
+    integrals: tuple[Positive, ...] = Field((0.01, 0.02, 0.05), description="of those: C_I / C_p over lambda")
     delay_ticks: Annotated[int, Field(ge=0, le=100_000)] = Field(0, description="from a decision to its torque")
 
     def check(self, where: str, tick_s: float) -> None:
@@ -183,6 +185,7 @@ class UnfalsifiedSettings(LawSettings):
             damping=self.damping,
             capacity=self.archive,
             frozen=self.frozen,
+            integrals=self.integrals if self.candidates == "pid" else (),
         )
         stiffness = moments[HELD] * (0.2 * self.pace_rad_s) ** 2
         return AntennaPointing(channels, stiffness, 2.0 * 0.7 * np.sqrt(stiffness * moments[HELD]), self.delay_ticks)

@@ -240,7 +240,7 @@ class WheelMode(Section):
     remaining: Share = Field(0.5, description="share of the torque, of an effectiveness loss")
 
 
-FilterSettings = Annotated[Ekf | Mekf | Ukf, Field(discriminator="type")]
+FilterSettings = Annotated[Ekf | Mekf | Sif | Ukf, Field(discriminator="type")]
 
 
 class Imm(ObserverBase):

@@ -93,7 +93,8 @@ class BodyEffectors:
         push = self.disturbance_B[tick] if outside is None else self.disturbance_B[tick] + outside
         wheel, push = (applied, push) if self.wheels else (applied[:, :0], push + applied)
         known = np.concatenate([command, held[..., WHEELS]], axis=-1)
-        return ActuatorOutput(wheel, push, known, shared, {"command": command, "applied": applied})
+        notes = self.allocation.notes(shared)
+        return ActuatorOutput(wheel, push, known, shared, {"command": command, "applied": applied} | notes)
 
 
 def _quantize(command: Array, step: float) -> Array:
@@ -122,6 +123,7 @@ class BodyChannels:
             "fault": np.zeros(len(truth.qpos), dtype=bool) if active is None else np.broadcast_to(active, len(truth.qpos)),
             **({} if self.unmodelled is None else {"truth/unmodelled": self.unmodelled.at(truth.state)}),
             **{f"control/{name}": note for name, note in now.decision.notes.items()},
+            **{f"control/{name}": note for name, note in given.items() if name not in ("command", "applied")},
         }
 
 

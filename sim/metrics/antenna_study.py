@@ -29,6 +29,7 @@ class Controllers(NamedTuple):
 
     first: Array
     last: Array
+    integral: Array | None = None  # which integral action the last have, (trials, 2); None: the law knows none
 
 
 def judge(assembly: Assembly, recording: Recording, loop: str, law: ControlSettings) -> list[Metric]:
@@ -42,7 +43,8 @@ def judge(assembly: Assembly, recording: Recording, loop: str, law: ControlSetti
 def controllers(recording: Recording) -> Controllers | None:
     """The first and the last of a loop; None if it is not under unfalsified control."""
     theta = recording.channels.get("control/theta")
-    return None if theta is None else Controllers(theta[0], theta[-1])
+    integral = recording.channels.get("control/integral")
+    return None if theta is None else Controllers(theta[0], theta[-1], None if integral is None else integral[-1])
 
 
 def identified(
@@ -66,7 +68,7 @@ def identified(
     for phase, chosen in {"initial": adaptive.first, "nominal": nominal.first, "final": adaptive.last}.items():
         system = rebuild(longer)
         law = antenna_law(system)
-        responses = identify(system, settings, sines, chosen)
+        responses = identify(system, settings, sines, chosen, adaptive.integral if phase == "final" else None)
         for i, (channel, response) in enumerate(zip(CHANNELS, responses, strict=True)):
             error, effort = Bounds.of(law.channels, settings.claim, i).weighted(response)
             metrics += [Metric(channel, "sup_w1_ter", phase, "1", error), Metric(channel, "sup_w2_tur", phase, "1", effort)]
@@ -111,6 +113,11 @@ def _switching(assembly: Assembly, recording: Recording) -> list[Metric]:
             ("from_grid", "1", np.sum(recording.channels["control/from_grid"][..., i].astype(bool), axis=0).astype(float)),
             ("natural_frequency", "rad/s", np.sqrt(stiffness / inertia[i])),
             ("damping_ratio", "1", 0.5 * theta[:, i, 1] * np.sqrt(stiffness / inertia[i])),
+            *(
+                [("integral_per_s", "1/s", recording.channels["control/integral_per_s"][-1][:, i])]
+                if "control/integral_per_s" in recording.channels
+                else []
+            ),
             ("theta_1", "rad/(N m)", theta[:, i, 0]),
             ("theta_2", "s", theta[:, i, 1]),
         )

@@ -61,7 +61,9 @@ def antenna_law(system: System) -> AntennaPointing:
     return law.controller
 
 
-def identify(system: System, settings: IdentificationSettings, sines: Multisine, theta: Array) -> tuple[Response, Response]:
+def identify(
+    system: System, settings: IdentificationSettings, sines: Multisine, theta: Array, integral: Array | None = None
+) -> tuple[Response, Response]:
     """Fly fixed controllers under a multisine and read T_er = 1 - Y / R and T_ur = U / R off the measured record.
 
     Args:
@@ -69,6 +71,7 @@ def identify(system: System, settings: IdentificationSettings, sines: Multisine,
       settings: of the experiment.
       sines: the reference.
       theta: of the controllers, (trials, 2, 2).
+      integral: which integral action they have, (trials, 2); None: none.
 
     Returns:
       Azimuth's and elevation's response.
@@ -77,7 +80,7 @@ def identify(system: System, settings: IdentificationSettings, sines: Multisine,
     ticks = len(sines.reference)
     turn = np.stack([sines.reference[:, 1], np.zeros(ticks), sines.reference[:, 0]], axis=-1)
     still = np.zeros((ticks, 3))
-    fixed = replace(law, channels=replace(law.channels, frozen=True), theta=theta)
+    fixed = replace(law, channels=replace(law.channels, frozen=True), theta=theta, integral=integral)
     target = Target(quaternion.from_rotation_vector(turn), still, still)
     recording = run_whole(replace(system, law=TrackingLaw(fixed, target), references=target_channels(target)))
     heard = slice(settings.settling_periods * (ticks // (settings.settling_periods + settings.periods)), ticks)

@@ -53,7 +53,8 @@ def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scena
     for phase, flags in flagged.items():
         for name in recording.observers:
             subject = name if closing is None else loop if name == closing else f"{loop}/{name}"
-            out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading)]
+            latched = "control/latched" if scenario is not None and name == scenario.law.feedback else ""
+            out += [Metric(subject, *row) for row in _estimation(recording, name, phase, flags, truth, reading, latched)]
             out += [Metric(subject, *row) for row in of_learning(recording, name, phase, flags)]
         out += [Metric(loop, *row) for row in _loop(recording, assembly, limit, phase, flags, truth, reading)]
         if spins:
@@ -69,7 +70,8 @@ def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scena
 Row = tuple[str, str, str, Array]
 
 
-def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth: Array, reading: Array) -> list[Row]:
+def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth: Array, reading: Array, latched: str) -> list[Row]:
+    """Metrics of an estimator; a latch that its loop's allocation closed for good, the channel `latched` if there is one, declares too."""
     mean = _by_trial(recording.channels[f"{name}/mean"])
     size = mean.shape[-1]
     error, residual = _difference(mean, truth[..., :size]), _difference(reading[..., :size], mean)
@@ -96,6 +98,8 @@ def _estimation(recording: Recording, name: str, phase: str, flags: Flags, truth
         ratio = _by_trial(recording.channels[f"{name}/statistic"]) / limits[0]
         rows.append(("peak_statistic", phase, "1", _greatest(ratio, flags)))
         declared = _by_trial(recording.channels[f"{name}/declared"]).astype(float)
+        if latched in recording.channels:
+            declared = np.maximum(declared, _by_trial(recording.channels[latched]).astype(float))
         fault = _by_trial(recording.channels["fault"]).astype(bool)
         rows += _detection(recording, phase, flags, declared.astype(bool), fault)
     if f"{name}/modes" in recording.channels:

@@ -77,10 +77,13 @@ def _place(axes: Axes) -> tuple[int, int, int]:
 def _said(name: str, several: Several) -> str:
     first = several[0]
     said = [f"{name}, trial {first.recording.trials[0]}", f"lambda = {first.law.pace:g} rad/s"]
-    if first.scenario.identification or any(first.recording.findings):
-        said.append("circles: identified in closed loop; lines: linear model")
-    else:
-        said.append("responses: linear model")
+    identified = first.scenario.identification or any(first.recording.findings)
+    linear = first.linear(0, first.theta[0, 0]) is not None
+    if (
+        drawn := ["circles: identified in closed loop"] * bool(identified)
+        + [f"{'lines' if identified else 'responses'}: linear model"] * linear
+    ):
+        said.append("; ".join(drawn))
     happened = dict.fromkeys((o.start_tick, o.text) for flight in several for o in flight.recording.occurrences)
     said += [f"{text} at {first.recording.dt * start:.1f} s" for start, text in happened]
     return " | ".join(said)
@@ -173,22 +176,26 @@ def _wheel_torques(figure: Figure, cell: SubplotSpec, several: Several) -> list[
 
 
 def _panels(figure: Figure, cell: SubplotSpec, several: Several) -> list[Axes]:
-    both = _two(figure, cell)
-    for flight in reversed(several):
-        for angle in list(flight.panels.values())[:1]:
-            both[0].plot(flight.recording.time, angle, color=flight.look.on_light, lw=0.8)
-    both[0].set_title("Panel against hub; worse test, falsified above 0", loc="left")
-    both[0].set_ylabel("panel [deg]")
+    both: tuple[Axes, ...] = _two(figure, cell) if several[0].panels else (figure.add_subplot(cell),)
+    if len(both) > 1:
+        for flight in reversed(several):
+            for angle in list(flight.panels.values())[:1]:
+                both[0].plot(flight.recording.time, angle, color=flight.look.on_light, lw=0.8)
+        both[0].set_title("Panel against hub; worse test, falsified above 0", loc="left")
+        both[0].set_ylabel("panel [deg]")
+    else:
+        both[0].set(title="Worse test, falsified above 0", xlabel="time [s]")
+    tests = both[-1]
     for flight in reversed(several):
         score = np.max(flight.channel("control/score"), axis=-1)
         for channel, dashes in enumerate(DASHES):
             heard = np.where(score[:, channel] == 0.0, np.nan, score[:, channel])
-            both[1].plot(flight.recording.time, heard, color=flight.look.on_light, ls=dashes, lw=0.9)
-    both[1].axhline(0.0, color=LIGHT.bound, lw=0.9)
-    both[1].set_yscale("symlog", linthresh=1.0, linscale=1.5)
-    both[1].set_ylim(-1.3, max(1.3, both[1].get_ylim()[1]))
-    both[1].yaxis.set_major_locator(FixedLocator([-1.0, 0.0, 1.0, 10.0, 100.0, 1000.0]))
-    both[1].yaxis.set_minor_locator(NullLocator())
-    both[1].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    both[1].set_ylabel(r"test / $\int y^2$ [-]")
+            tests.plot(flight.recording.time, heard, color=flight.look.on_light, ls=dashes, lw=0.9)
+    tests.axhline(0.0, color=LIGHT.bound, lw=0.9)
+    tests.set_yscale("symlog", linthresh=1.0, linscale=1.5)
+    tests.set_ylim(-1.3, max(1.3, tests.get_ylim()[1]))
+    tests.yaxis.set_major_locator(FixedLocator([-1.0, 0.0, 1.0, 10.0, 100.0, 1000.0]))
+    tests.yaxis.set_minor_locator(NullLocator())
+    tests.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    tests.set_ylabel(r"test / $\int y^2$ [-]")
     return list(both)

@@ -102,7 +102,9 @@ class AntennaFlight(Flight):
 
     @property
     def panels(self) -> dict[str, Array]:
-        """Angles of joints that are neither the hub's nor a wheel's, by name, (ticks,) deg."""
+        """Angles of joints that are neither the hub's nor a wheel's, by name, (ticks,) deg; none of a body without flexible appendage."""
+        if kind_of(self.scenario.plant).linear_channel is None:
+            return {}
         model = self.assembly.model
         joints = (model.joint(i) for i in range(model.njnt))
         driven = {*self.assembly.attitude_joints, *self.assembly.wheel_joints}
@@ -116,10 +118,23 @@ class AntennaFlight(Flight):
         state = _held(self.channel(name)[:, MOTION])
         angle, rate = quaternion.to_rotation_vector(state[:, ATTITUDE])[:, AXES], state[:, RATE][:, AXES]
         torque = (np.radians(self.wanted) - angle - self.theta[..., 1] * rate) / self.theta[..., 0]  # `torque_B` may be a delayed one
+        if "control/asked" in self.recording.channels:
+            return self._tests_with_integral(rate, angle - angle[0])
         evidence, found = law.specification.start((len(AXES),)), np.empty((len(rate), len(AXES), 2, 3, 3))
         for k, heard in enumerate(zip(torque / law.stiffness, rate / law.pace, angle - angle[0], strict=True)):
             evidence = law.specification.record(evidence, *heard)
             found[k] = law.specification.tests(evidence)
+        return found
+
+    def _tests_with_integral(self, rate: Array, angle: Array) -> Array:
+        """The tests of candidates with the integral action that each channel's last controller has, (ticks, channels, 2, 3, 3)."""
+        law, specification, bank = self.law, self.law.specification, self.law.databank
+        assert bank is not None
+        memory = bank.start(specification, (len(AXES),), 1)._replace(chosen=self.channel("control/integral")[-1].astype(np.int64))
+        evidence, found = specification.start((len(AXES),)), np.empty((len(rate), len(AXES), 2, 3, 3))
+        for k, heard in enumerate(zip(self.channel("control/asked") / law.stiffness, rate / law.pace, angle, strict=True)):
+            evidence, memory = specification.record(evidence, *heard), bank.record(memory, specification, *heard)
+            found[k] = bank.running(memory, bank.tests(memory, specification, specification.tests(evidence)))
         return found
 
     @cached_property
@@ -148,7 +163,7 @@ class AntennaFlight(Flight):
         """The loop of a fixed controller theta (2,) around the linear model of the plant, if there is one."""
         plant = self.scenario.plant
         linear = kind_of(plant).linear_channel
-        if linear is None:
+        if linear is None or self.law.integrals:  # the linear loop has no integral
             return None
         return FixedGainLoop(
             linear(plant, AXES[channel]), 1.0 / theta[0], theta[1] / theta[0], self.recording.dt, self.pointing.delay_ticks

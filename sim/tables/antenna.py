@@ -15,6 +15,7 @@ _SWITCHING = (  # metric, whether it is shown over lambda
     ("from_grid", False),
     ("natural_frequency", True),
     ("damping_ratio", False),
+    ("integral_per_s", False),
     ("theta_1", False),
     ("theta_2", False),
 )
@@ -25,10 +26,10 @@ def antenna(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     """Antenna mapping: how the loops point and what it takes, what they switched to, and what that truly is."""
     found = {(row.subject, row.metric, row.phase): row.mean for row in rows}
     channels = [c for c in ("azimuth", "elevation") if any(row.subject == c for row in rows)]
-    names = list(scenario.loops)
+    names = list(scenario.loop_names)
     table = plain_table(
         "Pointing error and torque, RMS of the second half of the run",
-        f"means over {counted(trials, 'trial')}; ratio: {names[0]} over {names[-1]}",
+        f"means over {counted(trials, 'trial')}" + (f"; ratio: {names[0]} over {names[-1]}" if len(names) > 1 else ""),
     )
     table.add_column("channel")
     for unit in ("deg", "N m"):
@@ -52,11 +53,24 @@ def antenna(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
         caption = "natural frequency and damping on the true, rigid inertia; theta = (1/C_p, C_d/C_p)"
         table = plain_table("Controllers that the data chose", caption)
         table.add_column("channel")
-        for heading in ("switches", "first\ns", "from\ngrid", "frequency\n/ lambda", "damping", "theta_1\nrad/(N m)", "theta_2\ns"):
+        heads = (
+            "switches",
+            "first\ns",
+            "from\ngrid",
+            "frequency\n/ lambda",
+            "damping",
+            "C_I / C_p\n1/s",
+            "theta_1\nrad/(N m)",
+            "theta_2\ns",
+        )
+        shown = [
+            (m, over, head) for (m, over), head in zip(_SWITCHING, heads, strict=True) if any((c, m, "all") in found for c in channels)
+        ]
+        for _, _, heading in shown:
             table.add_column(heading, justify="right")
         for channel in channels:
-            values = [found.get((channel, metric, "all")) for metric, _ in _SWITCHING]
-            factors = [1.0 / adaptive.pace_rad_s if over_pace else 1.0 for _, over_pace in _SWITCHING]
+            values = [found.get((channel, metric, "all")) for metric, _, _ in shown]
+            factors = [1.0 / adaptive.pace_rad_s if over_pace else 1.0 for _, over_pace, _ in shown]
             table.add_row(channel, *(number(None if v is None else f * v) for v, f in zip(values, factors, strict=True)))
         out.append(table)
     if any(row.metric == "sup_w1_ter" for row in rows):

@@ -38,6 +38,8 @@ def _body(rows: list[Row], scenario: Scenario, trials: int, guests: tuple[str, .
         caption = one_body.made_with([one.tuning for one in filters], scenario.sensors)
         shown.append(one_body.residuals(rows, scenario.published, caption))
     shown.append(one_body.estimators(rows, [*scenario.observers, *guests], scenario.published, trials))
+    if any(row.metric == "rms_pointing_deg" for row in rows):
+        shown += antenna.antenna(rows, scenario, trials)
     return [*shown, f"{one_body.loop(rows)}{f', controller {law}' if law else ''}"]
 
 
