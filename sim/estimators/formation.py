@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
-from estimation.fading import ConstantFading, FadingLaw, StrongTracking
 from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.particle import ParticleFilter
 from estimation.proposals import PROPOSALS, ConstantNoise
@@ -157,8 +156,7 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Several
             measurement=sigma,
         )
         return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6))
-    law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
     spread = settings.alpha, settings.beta, settings.kappa
     covariance = noise.matrix @ noise.matrix.T
     unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
-    return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, law), None)
+    return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, settings.fading.law), None)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from models.sections import NonNegative, Positive, Section, Share
+from sim.estimators.fading import FadingSettings, StrongTrackingSettings, older_fading
 
 
 class _Filter(Section):
@@ -23,10 +24,12 @@ class AukfSettings(_Filter):
     alpha: Positive = 0.1
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
-    fading: Literal["strong-tracking", "constant"] = "strong-tracking"
-    value: Positive = Field(1.0, description="of a constant factor")
-    forgetting: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    cap: Annotated[float, Field(ge=1)] = 1e3
+    fading: FadingSettings = StrongTrackingSettings(type="adaptive")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older_names(cls, data: Any) -> Any:
+        return older_fading(data)
 
 
 class PfSettings(_Filter):
