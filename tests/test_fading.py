@@ -182,7 +182,9 @@ def test_older_spellings_are_still_read(section, older, newer):
     assert section.model_validate(kind | older).fading.law == section.model_validate(kind | {"fading": newer}).fading.law
 
 
-@pytest.mark.parametrize("older", [{"fading": "constant", "value": 0.5}, {"fading": "constant", "cap": 2.0}, {"fading": "strong"}, {"fading": True}])
+@pytest.mark.parametrize(
+    "older", [{"fading": "constant", "value": 0.5}, {"fading": "constant", "cap": 2.0}, {"fading": "strong"}, {"fading": True}]
+)
 def test_a_fading_that_is_none_is_refused(older):
     with pytest.raises(ValidationError):
         AukfSettings.model_validate({"type": "aukf"} | older)

@@ -200,6 +200,7 @@ def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscent
         kappa=settings.kappa,
         integrate=runge_kutta_of_motion,
         measurement=PartOfState(range(4), process.size, tuning.reading_std**2 * np.eye(4)),
+        outlier_tail=settings.outlier_tail,
     )
     return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law)
 

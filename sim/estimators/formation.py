@@ -154,9 +154,13 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Several
             threshold=settings.threshold,
             space=Euclidean(),
             measurement=sigma,
+            mixture=settings.likelihood.mixture,
         )
-        return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6))
+        mixed = filtered.mixture is not None
+        return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6, mixed))
     spread = settings.alpha, settings.beta, settings.kappa
     covariance = noise.matrix @ noise.matrix.T
-    unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
+    unscented = UnscentedFilter(
+        process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma, outlier_tail=settings.outlier_tail
+    )
     return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, settings.fading.law), None)

@@ -51,6 +51,9 @@ class Unscented(Learner):
 
     type: Literal["unscented"]
     fading: FadingSettings = NoFadingSettings()
+    outlier_tail: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="a reading less likely than that is not believed; 0: all are"
+    )
     alpha: Positive = 0.1
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators.fading import FadingSettings, StrongTrackingSettings, older_fading
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 
 class _Filter(Section):
@@ -25,6 +26,9 @@ class AukfSettings(_Filter):
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
     fading: FadingSettings = StrongTrackingSettings(type="adaptive")
+    outlier_tail: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="a reading less likely than that is not believed; 0: all are"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -40,6 +44,9 @@ class PfSettings(_Filter):
     threshold: Share = 0.8
     proposal: Literal["optimal", "bootstrap"] = "optimal"
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
+    likelihood: NoiseDistribution = Field(
+        NormalNoise(), description="how it takes readings to be distributed, with reading_deviation as theirs"
+    )
 
 
 ObserverSettings = Annotated[AukfSettings | PfSettings, Field(discriminator="type")]

@@ -258,7 +258,12 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     return System(
         plant=plant,
         sensors=AgentsSensors(
-            scenario.reading_deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (agents, 3)), np.array([3]), faults
+            scenario.reading_deviation,
+            RandomStream(run.seed, trials, Stream.AGENTS_READING, (agents, 3)),
+            np.array([3]),
+            faults,
+            scenario.reading_distribution,
+            RandomStream(run.seed, trials, Stream.AGENTS_TAILS, (agents, 1), uniform=True),
         ),
         estimators=estimators,
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),

@@ -24,6 +24,7 @@ from sim.plant.kinds import FormationSettings, check_tilt, filled
 from sim.scenario.graph import FormationGraph
 from sim.scenario.named_sections import WindowsOfAgents, beyond, check_name, check_windows
 from sim.scenario.run import Published, RunSettings
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
 
@@ -104,6 +105,7 @@ class FormationScenario(Section):
     leader: LeaderSettings = LeaderSettings()
     start: StartSettings = StartSettings()
     reading_deviation: NonNegative = Field(1e-4, description="of each component of sigma, a reading")
+    reading_distribution: NoiseDistribution = Field(NormalNoise(), description="of that noise, whose deviation is then its scale")
     observers: dict[str, ObserverSettings] = Field({}, description="by name")
     loops: dict[str, LoopSettings]
     faults: tuple[Fault, ...] = ()
