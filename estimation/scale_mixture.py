@@ -44,7 +44,12 @@ class ScaleMixture:
 
         Args:
           proposal: of a normal density.
-          errors: as for `Proposal.propose`, and so are reading, root, noise (of the whole mixture), normals and through.
+          errors: as for `Proposal.propose`.
+          reading: likewise.
+          root: likewise.
+          noise: R of the whole mixture, (..., d, d).
+          normals: as for `Proposal.propose`.
+          through: likewise.
           choices: uniform numbers in [0, 1), (..., particles).
         """
         each = [proposal.propose(errors, reading, root, scale**2 * noise, normals, through) for scale in self.scales]

@@ -107,7 +107,7 @@ def test_the_printed_factor_of_a_constant_in_closed_form():
 
 
 def by_the_textbook(move, mean, covariance, process_noise, sensitivity, noise, readings, c, alpha=0.1, beta=2.0, kappa=0.0):
-    """Unscented filter with P- = (1 + c |nu|^2) M + Q of one plain vector, written out with weights and points; means after each reading."""
+    """Unscented filter with P- = (1 + c |nu|^2) M + Q of a plain vector, written out with weights and points; means after readings."""
     size, means = len(mean), []
     scale = alpha**2 * (size + kappa)
     first = np.full(2 * size + 1, 1.0 / (2.0 * scale))

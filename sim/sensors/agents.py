@@ -15,6 +15,8 @@ from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
 
+NORMAL = NormalNoise()
+
 
 class AgentsTruth(Protocol):
     """What is so of several agents."""
@@ -42,7 +44,7 @@ class AgentsSensors:
     noise: RandomStream
     components: NDArray[np.int64]
     faults: Timeline
-    distribution: NoiseDistribution = NormalNoise()
+    distribution: NoiseDistribution = NORMAL
     uniforms: RandomStream | None = None
     _passed: list[Array] = field(default_factory=list)
 

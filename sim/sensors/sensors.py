@@ -64,7 +64,7 @@ class SensorSettings(Section):
 
     @property
     def variances(self) -> tuple[float, float, float]:
-        """Variance of a reading: small rotation about an axis (rad2), rate (rad2/s2), wheel speed (rad2/s2), resolution and tails included."""
+        """Variance of a reading: small rotation about an axis (rad2), rate, wheel speed (rad2/s2), with resolution and tails."""
         wider = self.distribution.variance
         return (
             wider * (self.attitude_noise_rad**2 + 4.0 * self.quaternion_noise**2) + self.attitude_resolution_rad**2 / 12.0,
