@@ -27,6 +27,11 @@ class NormalNoise(Section):
         """Of noise whose deviation is set to one."""
         return 1.0
 
+    @property
+    def information(self) -> float:
+        """Most that a reading can tell, over that of a normal one with the deviation that is set: as if its size were known, E[1 / s^2]."""
+        return 1.0
+
     def scales(self, uniforms: Array) -> Array:
         """What a normal number is multiplied by, of uniform ones; (...)."""
         return np.ones(uniforms.shape)
@@ -47,6 +52,11 @@ class StudentNoise(Section):
     def variance(self) -> float:
         """Of noise whose deviation is set to one: that of its scale."""
         return self.dof / (self.dof - 2.0)
+
+    @property
+    def information(self) -> float:
+        """Most that a reading can tell, over that of a normal one with the deviation that is set: as if its size were known, E[1 / s^2]."""
+        return 1.0
 
     def scales(self, uniforms: Array) -> Array:
         """The root of nu over a chi-square number of nu degrees of freedom, (...)."""
@@ -73,6 +83,11 @@ class GlintNoise(Section):
     def variance(self) -> float:
         """Of noise whose deviation is set to one: that of the rest."""
         return 1.0 + self.share * (self.factor**2 - 1.0)
+
+    @property
+    def information(self) -> float:
+        """Most that a reading can tell, over that of a normal one with the deviation that is set: as if its size were known, E[1 / s^2]."""
+        return 1.0 - self.share + self.share / self.factor**2
 
     def scales(self, uniforms: Array) -> Array:
         """The factor or one, (...)."""
