@@ -34,6 +34,7 @@ class Stream(IntEnum):
     AGENTS_DRIVE = 2003
     AGENTS_TACHOMETER = 2004
     AGENTS_TAILS = 2005
+    AGENTS_RELATIVE = 2006
     PARTICLES = 1_000_000  # and up: three for each particle filter, by its name
     AGENTS_PARTICLES = 3_000_000  # and up: two for each particle filter of a formation, by its name
     CHOICES = 20_000_000_000  # and up: one for each particle filter whose likelihood is a mixture, by its name
