@@ -26,14 +26,12 @@ def agents_statistic(residual: Array, about: NDArray[np.int64], own: Array, othe
     Returns:
       T, (..., agents); zero of an agent that nobody sees.
     """
-    seen = ~np.isnan(residual).any(axis=-1)
-    whose = about[:, None] == np.arange(own.shape[-1])
+    seen = ~np.any(np.isnan(residual), axis=-1)
+    whose: NDArray[np.bool_] = about[:, None] == np.arange(own.shape[-1])
     weight = np.where(seen, 1.0 / others, 0.0)
     total = weight @ whose
     known = np.where(total > 0.0, total, 1.0)
-    mean = (
-        np.einsum("...wi,wa->...ai", weight[..., None] * np.where(seen[..., None], residual, 0.0), whose.astype(float)) / known[..., None]
-    )
+    mean = np.einsum("...wi,wa->...ai", weight[..., None] * np.nan_to_num(residual, nan=0.0), whose.astype(float)) / known[..., None]
     return np.where(total > 0.0, np.sum(mean**2, axis=-1) / (own + 1.0 / known), 0.0)
 
 

@@ -242,7 +242,7 @@ class FormationRecord:
                 row[f"{estimator.names[0]}/lost"] = np.sum(summary.memory.restarted[0], axis=-1, dtype=float)
         if self.sight is not None:
             statistic = self.sight.statistic(q_BN, now.reading)
-            row |= {f"isolation/{agent}": statistic[:, agent - 1] for agent in range(1, statistic.shape[-1] + 1)}
+            row |= {f"isolation/{agent}": own for agent, own in enumerate(statistic.T, 1)}
         if self.wheels:
             row |= {
                 "peak_wheel_speed": np.max(np.abs(now.truth.omega_wheel), axis=-1),

@@ -12,12 +12,11 @@ from scipy.ndimage import uniform_filter1d
 from estimation.posterior_bound import posterior_bound
 from estimation.state_space import Euclidean, Multiplicative, StateSpace
 from models.dynamics.process import predict
-from models.dynamics.state_layout import ATTITUDE, PLANE, POSITION, RATE, VELOCITY
+from models.dynamics.state_layout import ATTITUDE, PLANE, POSITION, RATE, VELOCITY, WHEELS
 from models.plants.register.entries import kind_of
 from sim.estimators.believed import Models
 from sim.loop.recording import Recording
 from sim.scenario.consensus import ConsensusScenario
-from sim.scenario.files import AnyScenario
 from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
 
@@ -50,7 +49,7 @@ class Efficiency(NamedTuple):
     bound: float
 
 
-def efficiency(scenario: AnyScenario, recording: Recording, start_s: float) -> list[Efficiency]:
+def efficiency(scenario: Scenario | FormationScenario | ConsensusScenario, recording: Recording, start_s: float) -> list[Efficiency]:
     """RMS errors of all filters of a flight and the bound on them, from `start_s` on.
 
     Q is what acts: the square of what the model of filters leaves out in a step, averaged over trials and two seconds. It is taken for
@@ -97,12 +96,11 @@ def _body(scenario: Scenario, recording: Recording) -> Trajectory:
     truth, command = recording.channels["truth/state"], recording.channels["command"]
     reading = recording.channels["reading"]
     size = kind_of(scenario.plant).layout(scenario.plant).size
-    known = command if models.speeds_are_states else np.concatenate([command, truth[..., 7:]], axis=-1)
+    known = command if models.speeds_are_states else np.concatenate([command, truth[..., WHEELS]], axis=-1)
     state, space = truth[..., :size], Multiplicative()
     prediction = predict(models.with_drag, state[:-1], known[:-1], recording.dt)
     counts = [3, 3, size - 7]
-    seen = ~np.isnan(np.concatenate([reading[..., :1], reading[..., 4:5], reading[..., 7:8]], axis=-1))
-    seen = np.concatenate([seen, np.zeros((*seen.shape[:-1], 3 - seen.shape[-1]), dtype=bool)], axis=-1)
+    seen = np.stack([~np.isnan(reading[..., part]).any(axis=-1) for part in (ATTITUDE, RATE, WHEELS)], axis=-1)
     plain = sensors.model_copy(update={"distribution": type(sensors).model_fields["distribution"].default}).variances
     with np.errstate(divide="ignore"):
         information = sensors.distribution.information / np.repeat(plain, counts)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.neighbours_residuals import named
+from sim.faults.events import OfSensor
 from sim.loop.recording import Recording
 from sim.metric import Metric
 from sim.scenario.formation import FormationScenario
@@ -18,8 +19,8 @@ def isolation(loop: str, recording: Recording, scenario: FormationScenario) -> l
     settings = scenario.isolation
     if settings is None:
         return []
-    agents, ticks, dt = scenario.plant.agents, recording.ticks, recording.dt
-    statistic = np.stack([recording.figures[f"isolation/{number}"] for number in range(1, agents + 1)], axis=-1)
+    ticks, dt = recording.ticks, recording.dt
+    statistic = np.stack([values for name, values in recording.figures.items() if name.startswith("isolation/")], axis=-1)
     whom = named(statistic, max(1, round(settings.window_s / dt)), settings.tail)
     begins = min((fault.earliest_start for fault in scenario.faults), default=ticks * dt)
     before = slice(0, min(ticks, round(begins / dt)))
@@ -28,7 +29,7 @@ def isolation(loop: str, recording: Recording, scenario: FormationScenario) -> l
         Metric(loop, "isolation_false_alarms", "all", "1", np.sum(raised, axis=0).astype(float)),
         Metric(loop, "isolation_quiet_s", "all", "s", np.full(whom.shape[1], dt * before.stop)),
     ]
-    single = [(f.earliest_start, f.agents[0] - 1) for f in scenario.faults if getattr(f, "agents", "all") != "all" and len(f.agents) == 1]
+    single = [(f.earliest_start, f.agents[0] - 1) for f in scenario.faults if isinstance(f, OfSensor) and len(f.agents) == 1]
     if not single:
         return out
     start, agent = min(single)
