@@ -29,7 +29,11 @@ def isolation(loop: str, recording: Recording, scenario: FormationScenario) -> l
         Metric(loop, "isolation_false_alarms", "all", "1", np.sum(raised, axis=0).astype(float)),
         Metric(loop, "isolation_quiet_s", "all", "s", np.full(whom.shape[1], dt * before.stop)),
     ]
-    single = [(f.earliest_start, f.agents[0] - 1) for f in scenario.faults if isinstance(f, OfSensor) and len(f.agents) == 1]
+    single = [
+        (fault.earliest_start, fault.agents[0] - 1)
+        for fault in scenario.faults
+        if isinstance(fault, OfSensor) and fault.agents != "all" and len(fault.agents) == 1
+    ]
     if not single:
         return out
     start, agent = min(single)
