@@ -17,10 +17,14 @@ from models.dynamics.vector_part_measurement import VectorPart
 from sim.faults.parts import Parts
 from sim.faults.timeline import schedule
 from sim.loop.build import build
+from sim.loop.closed_loop import run
+from sim.metrics.evaluation import evaluate
+from sim.metrics.results import rows
 from sim.randomness import RandomStream, Stream
 from sim.scenario.files import load
 from sim.sensors.agents import AgentsSensors
 from sim.sensors.distribution import GlintNoise, NoiseDistribution, NormalNoise, StudentNoise
+from sim.tables.windows import windows
 
 STUDENT, GLINT = StudentNoise(type="student-t", dof=3.0), GlintNoise(type="glint", share=0.1, factor=20.0)
 GLINT_CDF = lambda x: 0.9 * stats.norm.cdf(x) + 0.1 * stats.norm.cdf(x / 20.0)  # noqa: E731
@@ -192,3 +196,29 @@ def test_annealing_takes_the_reading_for_noisier_at_first():
         belief = first._replace(elapsed=np.array(elapsed))
         one, other = (f.step(belief, np.zeros(3), reading, 1.0, draws) for f in (annealed, plain))
         np.testing.assert_allclose(one.log_weights, other.log_weights, rtol=1e-12)
+
+
+# the scenarios -------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["unknown-attitude", "outliers", "heavy-tails", "ambiguous"])
+def test_the_scenarios_show_every_filter_that_watches(name):
+    scenario = load(f"monolithic/{name}", {"run.ticks": 4, "phases": {"all of it": [0.0, 0.4]}, "run.trials": 2})
+    single = scenario.singles()["true-state"]
+    system = build(single, np.arange(2))
+    found = rows(evaluate(scenario, "true-state", system, run(system)))
+    errors = windows(found, scenario, 2)[0]
+    assert list(errors.columns[0].cells) == [f"true-state/{watching}" for watching in scenario.loops["true-state"].watching]
+    assert all(float(cell) > 0.0 for cell in errors.columns[1].cells)
+
+
+def test_half_of_the_particles_at_the_other_attitude_find_it():
+    """The body is at q4 < 0, where no filter begins that takes the fourth component to be positive; half of the trials find it."""
+    turned = [-0.3, -0.2, 0.1, -np.sqrt(1 - 0.14)]
+    changes = {"run.ticks": 200, "phases": {"late": [15.0, 20.0]}, "loops.true-state.watching": ["ukf", "pf-mirrored"],
+               "start.attitude_error_deg": 0.0, "start.quaternion": turned}  # fmt: skip
+    scenario = load("monolithic/ambiguous", changes)
+    system = build(scenario.singles()["true-state"], np.arange(3))
+    found = {(m.subject, m.metric): m.values for m in evaluate(scenario, "true-state", system, run(system))}
+    assert found["true-state/ukf", "lost"].min() == 1.0
+    assert found["true-state/pf-mirrored", "rms_attitude_error"].min() < 1e-3
