@@ -72,6 +72,7 @@ SENSOR_ROWS = "\n".join(
     f"| `{name}` | {' | '.join(f'{getattr(row, name):.6g}' for row in SENSOR_SETS.values())} | {info.description} "
     f"| {PROVENANCE.get(name, 'chosen: off')} |"
     for name, info in SensorSettings.model_fields.items()
+    if name != "distribution"
 )
 
 DESCRIBED = {"nacs", "freeflyer", "flexible", "monolithic", "formation", "formation-nacs", "agents"}  # with more than their parameters

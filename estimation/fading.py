@@ -59,12 +59,33 @@ class ConstantFading:
 
 
 @dataclass(frozen=True)
+class TraceFading:
+    """One plus a multiple of the squared length of the innovation, as Rososhansky (2017, eq. 2.14) prints it, of this reading alone.
+
+    lambda = 1 + c tr(nu nu') = 1 + c nu' nu, over what is read. Whether the thesis' 1e3 is c or its inverse cannot be read any more. nu
+    is in the reading's own units, so that c belongs to one sensor: with a good model lambda tends to 1 + c tr(S), S being the
+    innovations' covariance.
+
+    Attributes:
+      coefficient: c, one over the square of the reading's unit.
+    """
+
+    coefficient: float = 1e3
+
+    def factor(self, surprise: Surprise, variance: Array) -> tuple[Array, Array]:
+        """Factor of this step; nothing is remembered."""
+        residual = np.nan_to_num(surprise.residual, nan=0.0)
+        lead = np.broadcast_shapes(residual.shape[:-1], surprise.predicted.shape[:-2])
+        return np.broadcast_to(1.0 + self.coefficient * np.sum(residual**2, axis=-1), lead), variance
+
+
+@dataclass(frozen=True)
 class StrongTracking:
     """A factor that makes residuals as large as they are expected to be (Zhou & Frank 1996, with one factor for all components).
 
     lambda = clip(tr W (V - H Q H' - R) / tr W H M H', 1, cap), where V is the residuals' covariance, V_1 = nu nu',
-    V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. It stands in for
-    Rososhansky (2017, eq. 2.14), one plus a trace over a constant that is not given; the limit of that is one, though the text says zero.
+    V_k = (rho V_k-1 + nu nu') / (1 + rho), and W = diag(1 / R) on what is read. It does what the text of Rososhansky (2017, eq. 2.14) asks
+    of the formula there, `TraceFading`, which does not see how large innovations are expected to be.
 
     V is worth about two readings (at rho = 0.95 a step keeps 0.49 of it), so that it scatters by its own size, and what is above one is
     kept: with an honest model lambda is one in the median, but above it in 36 to 43 % of the steps and 1.5 to 2.3 on average, which costs

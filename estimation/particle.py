@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detection, symmetrize
-from estimation.observation import begin, degrees_of_freedom, observe, whole_state
-from estimation.proposals import Optimal, ProcessNoise, Proposal, Through
+from estimation.observation import begin, degrees_of_freedom, directly, observe, whole_state
+from estimation.proposals import Bootstrap, Optimal, ProcessNoise, Proposal, Through
 from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from estimation.scale_mixture import ScaleMixture
 from estimation.state_space import Additive, StateSpace
+from models.attitude import quaternion
 from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
+from models.dynamics.state_layout import ATTITUDE
 
 Array = NDArray[np.floating]
 
@@ -29,6 +32,7 @@ class Draws(NamedTuple):
     normals: Array  # (..., particles, e) standard normal
     uniforms: Array  # (..., particles) in [0, 1), for resampling
     jitter: Array | None = None  # (..., particles, e) standard normal, for roughening; not needed without
+    choices: Array | None = None  # (..., particles) in [0, 1), of the sizes of a mixture; not needed without
 
 
 class ParticleBelief(NamedTuple):
@@ -78,6 +82,11 @@ class ParticleFilter:
       space: error coordinates of the state.
       integrate: discretisation, `process.runge_kutta` or `unscented.euler`.
       measurement: model of the reading and its noise.
+      mixture: how the reading's noise is distributed, R being its covariance; None: normally.
+      start: where particles begin: around the first reading, half of them with the other sign of the fourth component (which a vector
+        part does not tell), or with attitudes evenly everywhere.
+      annealing: by how much larger than it is the reading's deviation is taken at first (Cheng & Crassidis 2004); 1: not at all.
+      annealing_s: after how long it is taken as it is, falling geometrically till then, s.
 
     Raises:
       ValueError: settings out of range, or that do not fit together.
@@ -96,12 +105,24 @@ class ParticleFilter:
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
     measurement: MeasurementModel | None = None
+    mixture: ScaleMixture | None = None
+    start: Literal["reading", "mirrored", "anywhere"] = "reading"
+    annealing: float = 1.0
+    annealing_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
             settings = f"particles = {self.particles}, threshold = {self.threshold:g}, roughening = {self.roughening:g}"
             raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
-        _ = self.measurement_model  # so that bad settings are refused here
+        model = self.measurement_model  # so that bad settings are refused here
+        if self.mixture is not None and not isinstance(self.proposal, Bootstrap) and not self._reads_linearly(model):
+            raise ValueError("a mixture and a reading that is not linear in the state's errors need the bootstrap proposal")
+        if self.start != "reading" and self.space.attitude == "rotation":
+            raise ValueError(f"particles that start {self.start} need errors of an attitude by components")
+
+    def _reads_linearly(self, model: MeasurementModel) -> bool:
+        """Whether residuals are linear in the state's errors."""
+        return directly(model, self.space) or model.linear(self.space.attitude) is not None
 
     @cached_property
     def measurement_model(self) -> MeasurementModel:
@@ -120,6 +141,12 @@ class ParticleFilter:
         lead = first.nis.shape
         log_weights = np.full((*lead, self.particles), -np.log(self.particles))
         particles = self.space.displace(first.mean[..., None, :], errors)
+        if self.start == "mirrored":
+            sign = np.where(np.broadcast_to(draws.uniforms, log_weights.shape) < 0.5, 1.0, -1.0)
+            particles[..., 3] *= sign
+        elif self.start == "anywhere":
+            scattered = np.broadcast_to(quaternion.normalize(draws.normals[..., ATTITUDE]), particles[..., ATTITUDE].shape)
+            particles = np.concatenate([scattered, particles[..., 4:]], axis=-1)
         ess = np.full(lead, float(self.particles))
         return ParticleBelief(*first[:-3], particles, log_weights, ess, np.zeros(lead))
 
@@ -136,6 +163,9 @@ class ParticleFilter:
         errors = self.space.difference(particles, centre)
         centre = centre[..., 0, :]
         residual, noise, sensitivity = observe(self.measurement_model, self.space, measurement, centre)
+        if self.annealing > 1.0:
+            left = np.maximum(0.0, 1.0 - belief.elapsed / self.annealing_s)[..., None, None]
+            noise = noise * self.annealing ** (2.0 * left)
 
         root = self.process_noise.root(belief.mean, belief.elapsed)
         mean, covariance = moments(np.exp(log_weights), errors)
@@ -149,7 +179,12 @@ class ParticleFilter:
             apart = through.innovations(mean[..., None, :])[..., 0, :]
         innovation = innovate(covariance + root @ root.swapaxes(-1, -2), apart, noise, sensitivity)
 
-        errors, gained = self.proposal.propose(errors, residual, root, noise, draws.normals, through)
+        if self.mixture is None:
+            errors, gained = self.proposal.propose(errors, residual, root, noise, draws.normals, through)
+        else:
+            if draws.choices is None:
+                raise ValueError("a mixture needs uniform numbers of its own: Draws.choices")
+            errors, gained = self.mixture.propose(self.proposal, errors, residual, root, noise, draws.normals, through, draws.choices)
         log_weights, log_likelihood = normalize(log_weights + gained)
         mean, covariance = moments(np.exp(log_weights), errors)
         return ParticleBelief(

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from estimation.gaussian import Belief, corrected, innovate, joseph
 from estimation.observation import begin, degrees_of_freedom, observe_by_points, whole_state
 from estimation.sigma_points import SigmaPoints, factor
 from estimation.state_space import Additive, StateSpace
+from models.dynamics.direction_measurement import DirectionsOfAttitude
 from models.dynamics.measurement import MeasurementModel
 from models.dynamics.process import ProcessModel, runge_kutta
 
@@ -61,6 +63,7 @@ class UnscentedFilter:
       integrate: discretisation, `process.runge_kutta` or `euler`.
       measurement: model of the reading and its noise.
       process_noise_before: of what is added at the step's begin and moved by it, (..., e, e).
+      outlier_tail: probability below which a reading as surprising as this one is taken for an outlier and not believed; 0: none is.
 
     Raises:
       ValueError: settings of the sigma points that can turn a covariance negative; neither `measurement_noise` nor `measurement`, or both.
@@ -78,6 +81,7 @@ class UnscentedFilter:
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
     measurement: MeasurementModel | None = None
     process_noise_before: Array | float = 0.0
+    outlier_tail: float = 0.0
 
     def __post_init__(self) -> None:
         _ = self.points, self.measurement_model  # so that bad settings are refused here
@@ -95,7 +99,14 @@ class UnscentedFilter:
     def initial(self, measurement: Array) -> Belief:
         """Start from the first reading (..., m) and its noise; what it misses comes from the prior."""
         belief = begin(self.measurement_model, self.space, measurement, self.prior, self.prior_variance)
-        return belief._replace(lost=np.zeros(belief.nis.shape))
+        belief = belief._replace(lost=np.zeros(belief.nis.shape))
+        if not isinstance(self.measurement_model, DirectionsOfAttitude):
+            return belief
+        lead = belief.nis.shape
+        mean = np.array(np.broadcast_to(self.prior, (*lead, self.prior.shape[-1])))
+        covariance = np.broadcast_to(self.prior_variance[..., None] * np.eye(self.prior_variance.shape[-1]), belief.covariance.shape)
+        first = replace(self, outlier_tail=0.0).correct(Predicted(mean, covariance, np.zeros(lead)), belief, measurement)
+        return first._replace(nis=belief.nis, innovation=belief.innovation, log_likelihood=belief.log_likelihood)
 
     def step(self, belief: Belief, command: Array, measurement: Array, dt: float) -> Belief:
         """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
@@ -111,12 +122,17 @@ class UnscentedFilter:
         mean, covariance, lost = predicted
         observation, repaired = observe_by_points(self.points, self.measurement_model, self.space, reading, mean, covariance)
         innovation = innovate(covariance, *observation)
+        dof = degrees_of_freedom(self.measurement_model, self.space, observation.residual)
+        if self.outlier_tail > 0.0:
+            outlier = innovation.nis > chi2.isf(self.outlier_tail, np.maximum(dof, 1.0))
+            gain = np.where(outlier[..., None, None], 0.0, innovation.gain)
+            innovation = innovation._replace(gain=gain)
         correction = (innovation.gain @ innovation.residual[..., None])[..., 0]
         return corrected(
             self.space.displace(mean, correction),
             joseph(covariance, innovation.gain, observation.noise, innovation.sensitivity),
             innovation,
-            degrees_of_freedom(self.measurement_model, self.space, observation.residual),
+            dof,
             before,
             lost if repaired is None else np.maximum(lost, repaired),
             memory,

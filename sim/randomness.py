@@ -26,14 +26,18 @@ class Stream(IntEnum):
     DRIVE = 8
     DISPERSION = 9
     QUATERNION = 10
+    TAILS = 11
     FAULT = 1000  # and up: one for each fault of a scenario
     AGENTS_READING = 2000
     MESSAGES = 2001
     AGENTS_AIR = 2002
     AGENTS_DRIVE = 2003
     AGENTS_TACHOMETER = 2004
+    AGENTS_TAILS = 2005
+    AGENTS_RELATIVE = 2006
     PARTICLES = 1_000_000  # and up: three for each particle filter, by its name
     AGENTS_PARTICLES = 3_000_000  # and up: two for each particle filter of a formation, by its name
+    CHOICES = 20_000_000_000  # and up: one for each particle filter whose likelihood is a mixture, by its name
 
 
 def generator(seed: int, trial: int, stream: int) -> np.random.Generator:

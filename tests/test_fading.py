@@ -2,18 +2,27 @@
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.stats import chi2
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
-from estimation.fading import ConstantFading, FadingLaw, GatedTracking, StrongTracking, Surprise
+from estimation.fading import ConstantFading, FadingLaw, GatedTracking, StrongTracking, Surprise, TraceFading
 from estimation.gaussian import Belief
 from estimation.proposals import ConstantNoise, MatchedNoise, ProcessNoise
 from estimation.state_space import Euclidean, Signed
 from estimation.unscented import UnscentedFilter
 from models.attitude.quaternion import IDENTITY, angle
+from models.chebyshev_network import ChebyshevNetwork
+from models.dynamics.attitude_by_rodrigues import AttitudeByRodrigues
+from models.dynamics.planar_agent import PlanarAgent, runge_kutta_of_motion
 from models.dynamics.process import runge_kutta
 from models.dynamics.rigid_body import RigidBody
 from models.dynamics.vector_part_measurement import VectorPart
+from models.plants.formation import FormationParameters
+from sim.estimators.consensus import joint_filter
+from sim.estimators.formation import agents_filter
+from sim.estimators.learner_settings import TuningSettings, Unscented
+from sim.estimators.rodrigues_settings import AukfSettings
 
 INERTIA = np.array([[20.0, 1.2, 0.9], [1.2, 17.0, 1.4], [0.9, 1.4, 15.0]])  # of Rososhansky (2017); its filters believe the diagonal
 BODY, MODEL = (RigidBody(inertia, np.eye(3), np.zeros((3, 0))) for inertia in (INERTIA, np.diag(np.diag(INERTIA))))
@@ -68,6 +77,117 @@ def test_factors_by_hand():
     constant = ConstantFading(1.02).factor(surprise, unknown)
     np.testing.assert_array_equal(constant[0], [1.02] * 3)
     np.testing.assert_array_equal(constant[1], unknown)
+
+
+def test_the_printed_factor_by_hand():
+    """1 + 1000 (0.03^2 + 0.04^2) = 3.5; a missing component adds nothing, and nothing is remembered."""
+    residual = np.array([[0.03, -0.04], [0.03, np.nan], [np.nan, np.nan]])
+    surprise, unknown = Surprise(residual, np.eye(2), np.eye(2), np.eye(2)), np.full((3, 2), np.nan)
+    factor, variance = TraceFading(1e3).factor(surprise, unknown)
+    np.testing.assert_allclose(factor, [3.5, 1.9, 1.0], rtol=1e-14)
+    np.testing.assert_array_equal(variance, unknown)
+    np.testing.assert_allclose(TraceFading(1e-3).factor(surprise, unknown)[0], 1.0, atol=3e-6)  # 1e3 as a divisor: hardly fades at all
+
+
+def test_the_printed_factor_of_a_constant_in_closed_form():
+    """A constant that is read: 1 / P grows by 1 / R of information a step, and is divided by 1 + c nu^2 before."""
+    rng, c, variance = np.random.default_rng(5), 40.0, 0.01
+    readings = 2.0 + 0.1 * rng.standard_normal((60, 1))
+    plain = UnscentedFilter(None, np.zeros((1, 1)), variance * np.eye(1), np.zeros(1), np.ones(1), Euclidean(), integrate=stay)
+    one = AdaptiveUnscentedFilter(plain, ConstantNoise(np.zeros((1, 1))), TraceFading(c))
+    mean, information, belief = readings[0, 0], 1.0 / variance, one.initial(readings[0])
+    for (reading,) in readings[1:]:
+        belief = one.step(belief, np.zeros(1), np.array([reading]), 1.0)
+        factor = 1.0 + c * (reading - mean) ** 2
+        faded = information / factor
+        mean, information = (faded * mean + reading / variance) / (faded + 1.0 / variance), faded + 1.0 / variance
+        assert belief.memory.fading == pytest.approx(factor, rel=1e-12)
+        assert belief.mean[0] == pytest.approx(mean, rel=1e-12)
+        assert 1.0 / belief.covariance[0, 0] == pytest.approx(information, rel=1e-10)
+
+
+def by_the_textbook(move, mean, covariance, process_noise, sensitivity, noise, readings, c, alpha=0.1, beta=2.0, kappa=0.0):
+    """Unscented filter with P- = (1 + c |nu|^2) M + Q of a plain vector, written out with weights and points; means after readings."""
+    size, means = len(mean), []
+    scale = alpha**2 * (size + kappa)
+    first = np.full(2 * size + 1, 1.0 / (2.0 * scale))
+    first[0] = 1.0 - size / scale
+    second = first.copy()
+    second[0] += 1.0 - alpha**2 + beta
+    for reading in readings:
+        root = np.sqrt(scale) * np.linalg.cholesky(covariance)
+        points = move(np.vstack([mean, mean + root.T, mean - root.T]))
+        mean = first @ points
+        apart = points - mean
+        innovation = reading - sensitivity @ mean
+        before = (1.0 + c * innovation @ innovation) * (apart.T * second) @ apart + process_noise
+        spread = sensitivity @ before @ sensitivity.T + noise
+        gain = before @ sensitivity.T @ np.linalg.inv(spread)
+        mean = mean + gain @ innovation
+        covariance = before - gain @ spread @ gain.T
+        means.append(mean)
+    return np.array(means)
+
+
+def test_the_printed_factor_in_a_formation_is_the_textbooks():
+    plant, c, ticks = FormationParameters(), 1e3, 40
+    settings = AukfSettings.model_validate({"type": "aukf", "fading": {"type": "trace", "coefficient": c}})
+    one = agents_filter("it", settings, plant, 3, np.arange(1)).filter
+    rng = np.random.default_rng(9)
+    readings = 0.3 + 0.02 * np.cumsum(rng.standard_normal((ticks, 6, 3)), axis=0)  # jumps about, so that the factor matters
+    torque = 0.1 * rng.standard_normal((6, 3))
+    belief, means = one.initial(readings[None, 0]), []
+    first = belief
+    for reading in readings[1:]:
+        belief = one.step(belief, torque[None], reading[None], TICK)
+        means.append(belief.mean[0])
+    assert belief.memory.fading.min() > 1.01
+    for agent, own in enumerate(plant.believed_inertia):
+        model = AttitudeByRodrigues(own)
+        expected = by_the_textbook(
+            lambda points, model=model, agent=agent: runge_kutta(model, points, torque[agent], TICK),
+            first.mean[0, agent], first.covariance[0, agent], 1e-6 * np.eye(6), np.eye(3, 6), 1e-8 * np.eye(3), readings[1:, agent], c,
+        )  # fmt: skip
+        np.testing.assert_allclose(np.array(means)[:, agent], expected, atol=1e-7)
+
+
+def test_the_printed_factor_of_agents_that_learn_is_the_textbooks():
+    c, ticks = 1e3, 40
+    process = PlanarAgent(ChebyshevNetwork(), 1.0)
+    settings = Unscented.model_validate({"type": "unscented", "fading": {"type": "trace", "coefficient": c}})
+    one, size = joint_filter(process, TuningSettings(), settings), process.size
+    rng = np.random.default_rng(10)
+    readings = 0.2 + 0.002 * np.cumsum(rng.standard_normal((ticks, 4)), axis=0)
+    force = np.array([0.5, -0.2])
+    belief = first = one.initial(readings[0])
+    means = [(belief := one.step(belief, force, reading, TICK)).mean for reading in readings[1:]]
+    expected = by_the_textbook(
+        lambda points: runge_kutta_of_motion(process, points, force, TICK),
+        first.mean, first.covariance, np.diag([1e-6] * 4 + [1e-4] * (size - 4)), np.eye(4, size), 1e-8 * np.eye(4), readings[1:], c,
+    )  # fmt: skip
+    np.testing.assert_allclose(means, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("section", "older", "newer"), [
+    (AukfSettings, {}, {"type": "adaptive"}),
+    (AukfSettings, {"fading": "strong-tracking", "cap": 7.0}, {"type": "adaptive", "cap": 7.0}),
+    (AukfSettings, {"forgetting": 0.5}, {"type": "adaptive", "forgetting": 0.5}),
+    (AukfSettings, {"fading": "constant"}, {"type": "constant", "factor": 1.0}),
+    (AukfSettings, {"fading": "constant", "value": 1.5}, {"type": "constant", "factor": 1.5}),
+    (Unscented, {}, {"type": "off"}),
+    (Unscented, {"fading": 1.02}, {"type": "constant", "factor": 1.02}),
+])  # fmt: skip
+def test_older_spellings_are_still_read(section, older, newer):
+    kind = {"type": "aukf" if section is AukfSettings else "unscented"}
+    assert section.model_validate(kind | older).fading.law == section.model_validate(kind | {"fading": newer}).fading.law
+
+
+@pytest.mark.parametrize(
+    "older", [{"fading": "constant", "value": 0.5}, {"fading": "constant", "cap": 2.0}, {"fading": "strong"}, {"fading": True}]
+)
+def test_a_fading_that_is_none_is_refused(older):
+    with pytest.raises(ValidationError):
+        AukfSettings.model_validate({"type": "aukf"} | older)
 
 
 def test_without_fading_it_is_the_unscented_filter():

@@ -187,10 +187,18 @@ def test_the_printed_particle_filter_has_one_particle_and_the_matched_one_many()
     assert found(printed[1], "rms_attitude_error", "0-100").min() > 10 * found(matched[1], "rms_attitude_error", "0-100").max()
 
 
-def test_the_printed_fading_factor_leaves_no_memory():
+def test_the_printed_fading_factor_as_a_constant_leaves_no_memory():
     """From a slow body, so that the thesis' process noise and wrong inertia do not matter: 2 sqrt(2) 1e-4 / 0.01 s on each axis."""
-    _, metrics = fly("aukf-printed", 1500, range(8), **{"start.rate_rad_s": [0.0, 0.0, 0.0]})
+    _, metrics = fly("aukf-constant", 1500, range(8), **{"start.rate_rad_s": [0.0, 0.0, 0.0]})
     assert found(metrics, "rms_rate_error", "0-100") == pytest.approx(0.028, rel=0.1)
+
+
+def test_the_printed_formula_keeps_its_memory():
+    """Its factor is 1 + 1e3 times the innovations' squared length, some 1e-5 to 1e-7: the unscented filter, nearly."""
+    recording, metrics = fly("aukf-printed", 1500, range(8), **{"start.rate_rad_s": [0.0, 0.0, 0.0]})
+    factor = recording.channels["aukf-printed/fading"]
+    assert 1.0 < np.median(factor[500:]) < 1.001
+    assert found(metrics, "rms_rate_error", "0-100").max() < 0.005
 
 
 def test_both_matched_filters_follow_a_tumbling_body():

@@ -279,7 +279,7 @@ def test_a_trial_has_the_same_bits_in_any_batch(settings, size):
     numbers = [n for n, _ in zip(draws(trials, filter_.particles, filter_.size, seed=14), range(12), strict=False)]
 
     def fly(some: slice, lead: tuple[int, ...] = ()) -> ParticleBelief:
-        own = [Draws(*(part[some] for part in n)) for n in numbers]
+        own = [Draws(*(None if part is None else part[some] for part in n)) for n in numbers]
         belief = filter_.initial(reading[0, some].reshape(*lead, -1, 7), own[0])
         for k in range(1, 12):
             belief = filter_.step(belief, np.full((*lead, 1, 3), 0.1), reading[k, some].reshape(*lead, -1, 7), TICK, own[k])

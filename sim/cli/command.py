@@ -16,6 +16,7 @@ from rich.text import Text
 
 from estimation.gaussian import LostDefiniteness
 from sim.bad_input import BadInput
+from sim.cli.bound import bound
 from sim.cli.campaign import campaign
 from sim.cli.crosscheck import crosscheck
 from sim.cli.falsify import falsify
@@ -56,6 +57,7 @@ app.command("run")(run)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)
+app.command("bound")(bound)
 app.command("campaign")(campaign)
 app.command("list")(list_scenarios)
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from control.adaptive_network_law import AdaptiveNetworkLaw
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
-from estimation.fading import ConstantFading
 from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.marginalised_unscented import MarginalisedUnscentedFilter
 from estimation.proposals import ConstantNoise
@@ -201,8 +200,9 @@ def joint_filter(process: PlanarAgent, tuning: TuningSettings, settings: Unscent
         kappa=settings.kappa,
         integrate=runge_kutta_of_motion,
         measurement=PartOfState(range(4), process.size, tuning.reading_std**2 * np.eye(4)),
+        outlier_tail=settings.outlier_tail,
     )
-    return AdaptiveUnscentedFilter(unscented, noise, ConstantFading(settings.fading))
+    return AdaptiveUnscentedFilter(unscented, noise, settings.fading.law)
 
 
 def marginalised_filter(process: PlanarAgent, tuning: TuningSettings, settings: Marginalised) -> MarginalisedUnscentedFilter:

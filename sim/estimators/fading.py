@@ -1,13 +1,13 @@
-"""How an observer's memory fades: settings in a file."""
+"""How an observer's memory fades: settings in a file, the same for every family of scenarios."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from estimation.fading import ConstantFading, FadingLaw, GatedTracking, StrongTracking
-from models.sections import Section
+from estimation.fading import ConstantFading, FadingLaw, GatedTracking, StrongTracking, TraceFading
+from models.sections import NonNegative, Section
 
 
 class NoFadingSettings(Section):
@@ -31,6 +31,18 @@ class ConstantFadingSettings(Section):
     def law(self) -> FadingLaw:
         """As the filter knows it."""
         return ConstantFading(self.factor)
+
+
+class TraceFadingSettings(Section):
+    """One plus a multiple of the innovation's squared length, as a thesis prints it."""
+
+    type: Literal["trace"]
+    coefficient: NonNegative = Field(1e3, description="c of lambda = 1 + c tr(nu nu'), in the units of the reading")
+
+    @property
+    def law(self) -> FadingLaw:
+        """As the filter knows it."""
+        return TraceFading(self.coefficient)
 
 
 class StrongTrackingSettings(Section):
@@ -61,5 +73,22 @@ class GatedTrackingSettings(Section):
 
 
 FadingSettings = Annotated[
-    NoFadingSettings | ConstantFadingSettings | StrongTrackingSettings | GatedTrackingSettings, Field(discriminator="type")
+    NoFadingSettings | ConstantFadingSettings | TraceFadingSettings | StrongTrackingSettings | GatedTrackingSettings,
+    Field(discriminator="type"),
 ]
+
+
+def older_fading(settings: Any) -> Any:
+    """A section of an observer with `fading` as a table, where it is a word with its numbers beside it, or the bare factor."""
+    if not isinstance(settings, dict) or isinstance(settings.get("fading"), dict | Section):
+        return settings
+    kept = {key: part for key, part in settings.items() if key != "fading"}
+    match settings.get("fading", "strong-tracking"):
+        case "constant":
+            return kept | {"fading": {"type": "constant", "factor": kept.pop("value", 1.0)}}
+        case "strong-tracking" if "fading" in settings or {"forgetting", "cap"} & set(settings):
+            numbers = {key: kept.pop(key) for key in ("forgetting", "cap") if key in kept}
+            return kept | {"fading": {"type": "adaptive"} | numbers}
+        case int() | float() as factor if not isinstance(factor, bool):
+            return kept | {"fading": {"type": "constant", "factor": factor}}
+    return settings

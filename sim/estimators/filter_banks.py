@@ -148,7 +148,9 @@ def build_filter_banks(
         if isinstance(single, ParticleFilter):
             if trials is None:
                 raise ValueError(f"{name}: a particle filter needs random numbers, those of numbered trials")
-            numbers = ParticleDraws.of_a_filter(name, seed, trials, single.particles, single.size, single.roughening > 0.0)
+            numbers = ParticleDraws.of_a_filter(
+                name, seed, trials, single.particles, single.size, single.roughening > 0.0, single.mixture is not None
+            )
             groups.append([(name, ParticleObserver(single, numbers))])
             continue
         for group in groups:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.choice import choose
-from estimation.fading import ConstantFading, FadingLaw, StrongTracking
 from estimation.gaussian import Belief, LostDefiniteness, no_detection
 from estimation.particle import ParticleFilter
 from estimation.proposals import PROPOSALS, ConstantNoise
@@ -155,10 +154,13 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Several
             threshold=settings.threshold,
             space=Euclidean(),
             measurement=sigma,
+            mixture=settings.likelihood.mixture,
         )
-        return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6))
-    law: FadingLaw = ConstantFading(settings.value) if settings.fading == "constant" else StrongTracking(settings.forgetting, settings.cap)
+        mixed = filtered.mixture is not None
+        return AgentsFilter(name, filtered, ParticleDraws.of_agents(name, seed, trials, plant.agents, settings.particles, 6, mixed))
     spread = settings.alpha, settings.beta, settings.kappa
     covariance = noise.matrix @ noise.matrix.T
-    unscented = UnscentedFilter(process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma)
-    return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, law), None)
+    unscented = UnscentedFilter(
+        process, covariance, None, prior, variance, Euclidean(), *spread, measurement=sigma, outlier_tail=settings.outlier_tail
+    )
+    return AgentsFilter(name, AdaptiveUnscentedFilter(unscented, noise, settings.fading.law), None)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from estimation.resampling import SCHEMES
 from models.sections import NonNegative, Positive, Section, Share
+from sim.estimators.fading import FadingSettings, NoFadingSettings, older_fading
 
 
 class TuningSettings(Section):
@@ -49,10 +50,18 @@ class Unscented(Learner):
     """State and weights by one adaptive unscented Kalman filter."""
 
     type: Literal["unscented"]
-    fading: Annotated[float, Field(ge=1)] = Field(1.0, description="lambda of P- = lambda M + Q")
+    fading: FadingSettings = NoFadingSettings()
+    outlier_tail: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="a reading less likely than that is not believed; 0: all are"
+    )
     alpha: Positive = 0.1
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older_names(cls, data: Any) -> Any:
+        return older_fading(data)
 
 
 class Marginalised(Learner):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from models.sections import NonNegative, Positive, Section, Share
+from sim.estimators.fading import FadingSettings, StrongTrackingSettings, older_fading
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 
 class _Filter(Section):
@@ -23,10 +25,15 @@ class AukfSettings(_Filter):
     alpha: Positive = 0.1
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
-    fading: Literal["strong-tracking", "constant"] = "strong-tracking"
-    value: Positive = Field(1.0, description="of a constant factor")
-    forgetting: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    cap: Annotated[float, Field(ge=1)] = 1e3
+    fading: FadingSettings = StrongTrackingSettings(type="adaptive")
+    outlier_tail: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="a reading less likely than that is not believed; 0: all are"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older_names(cls, data: Any) -> Any:
+        return older_fading(data)
 
 
 class PfSettings(_Filter):
@@ -37,6 +44,9 @@ class PfSettings(_Filter):
     threshold: Share = 0.8
     proposal: Literal["optimal", "bootstrap"] = "optimal"
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
+    likelihood: NoiseDistribution = Field(
+        NormalNoise(), description="how it takes readings to be distributed, with reading_deviation as theirs"
+    )
 
 
 ObserverSettings = Annotated[AukfSettings | PfSettings, Field(discriminator="type")]

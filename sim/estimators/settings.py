@@ -21,6 +21,7 @@ from estimation.sliding_innovation import SlidingGain
 from estimation.state_space import Additive, Multiplicative, Signed, StateSpace
 from estimation.unscented import UnscentedFilter, euler
 from models.attitude.quaternion import IDENTITY
+from models.dynamics.direction_measurement import DirectionsOfAttitude
 from models.dynamics.measurement import MeasurementModel, WholeState
 from models.dynamics.process import predict, predict_euler, runge_kutta
 from models.dynamics.stacked_measurement import PartOfReading
@@ -31,10 +32,15 @@ from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators import learning_settings as _  # noqa: F401  # whose kind joins the register
 from sim.estimators.fading import FadingSettings, NoFadingSettings
 from sim.estimators.observer import ObserverBase, Place
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
 
-Measured = Literal["quaternion", "vector"]  # what a filter takes of a reading's attitude
+Measured = Literal["quaternion", "vector", "directions"]  # what a filter takes of a reading's attitude
+Directions = Annotated[tuple[tuple[float, float, float], ...], Field(min_length=1)]
+
+MEASURED = "all of the reading's attitude, its vector part as printed, or how known directions appear by it"
+TWO = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 class Parts(NamedTuple):
@@ -51,6 +57,7 @@ class ExtendedSettings(ObserverBase):
     """What all filters with one model can be told."""
 
     initial_rate_rad_s: Positive = Field(1.0, description="deviation of each rate that the first reading does not hold")
+    initial_attitude: Positive = Field(1.0, description="deviation of each error of an attitude that it does not hold")
     discretization: Literal["runge-kutta", "euler"] = "runge-kutta"
 
     @property
@@ -62,6 +69,11 @@ class ExtendedSettings(ObserverBase):
     def by_vector(self) -> bool:
         """Whether the vector part alone is taken of a reading's attitude."""
         return False
+
+    @property
+    def by_directions(self) -> Array | None:
+        """Directions of N that alone are taken of a reading's attitude, (k, 3); None: all of it."""
+        return None
 
     def law(self, boundary_layer: Array) -> GainLaw:
         """Gain of this filter."""
@@ -76,7 +88,9 @@ class ExtendedSettings(ObserverBase):
         space: StateSpace = Multiplicative() if self.by_rotation else Signed() if self.by_vector else Additive()
         noise_of_reading = np.diag(np.repeat(unit * r, counts))
         read: MeasurementModel = VectorPart(noise_of_reading) if self.by_vector else WholeState(noise_of_reading, space.attitude)
-        if not models.speeds_are_states:
+        if self.by_directions is not None:
+            read = DirectionsOfAttitude(self.by_directions, 4.0 * r[0] * np.eye(3))
+        elif not models.speeds_are_states:
             read = PartOfReading(read, MOTION)  # wheel speeds are inputs
         process = np.diag(np.repeat(unit * q, counts))
         before = 0.5 * process if tuning.by_torques else 0.0
@@ -87,7 +101,7 @@ class ExtendedSettings(ObserverBase):
             "measurement_noise": None,
             "measurement": read,
             "prior": np.concatenate([IDENTITY, np.zeros(sum(counts[1:]))]),
-            "prior_variance": np.repeat([1.0, self.initial_rate_rad_s**2, 1e4], counts),
+            "prior_variance": np.repeat([self.initial_attitude**2, self.initial_rate_rad_s**2, 1e4], counts),
             "space": space,
         }
         end, whole = ((tuning.matched.law if tuning.matched else ConstantNoise.of(q)) for q in (process - before, process))
@@ -159,6 +173,9 @@ class Ukf(ExtendedSettings):
     alpha: Positive = Field(0.1, description="spread of the sigma points")
     beta: NonNegative = 2.0
     kappa: NonNegative = 0.0
+    outlier_tail: Annotated[float, Field(ge=0, lt=1)] = Field(
+        0.0, description="a reading less likely than that is not believed; 0: all are"
+    )
 
     @property
     def by_rotation(self) -> bool:
@@ -172,7 +189,9 @@ class Ukf(ExtendedSettings):
     def unscented(self, parts: Parts) -> UnscentedFilter:
         """The filter without a fading memory."""
         integrate = euler if parts.explicit else runge_kutta
-        return UnscentedFilter(**parts.common, alpha=self.alpha, beta=self.beta, kappa=self.kappa, integrate=integrate)
+        return UnscentedFilter(
+            **parts.common, alpha=self.alpha, beta=self.beta, kappa=self.kappa, integrate=integrate, outlier_tail=self.outlier_tail
+        )
 
 
 class Aukf(Ukf):
@@ -181,7 +200,8 @@ class Aukf(Ukf):
     type: Literal["aukf"]  # type: ignore[assignment]
     coordinates: Literal["additive", "multiplicative"] = "additive"
     fading: FadingSettings = NoFadingSettings()
-    measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
+    measured: Measured = Field("quaternion", description=MEASURED)
+    directions: Directions = Field(TWO, description='of N, for measured = "directions"; from it the filter begins at N, not at a reading')
 
     def check(self, where: str, wheels: int) -> None:
         """Raise ValueError if the coordinates are those of a rotation, which has neither a vector part nor that process noise."""
@@ -193,6 +213,11 @@ class Aukf(Ukf):
     def by_vector(self) -> bool:
         """Whether the vector part alone is taken of a reading's attitude."""
         return self.measured == "vector"
+
+    @property
+    def by_directions(self) -> Array | None:
+        """Directions of N that alone are taken of a reading's attitude, (k, 3); None: all of it."""
+        return _unit(self.directions) if self.measured == "directions" else None
 
     def build(self, place: Place, fault: WheelFault | None = None) -> Any:
         """An unscented filter with a fading memory."""
@@ -209,12 +234,30 @@ class Pf(ExtendedSettings):
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
     threshold: Share = Field(0.5, description="effective share of the particles below which they are resampled")
     roughening: NonNegative = Field(0.0, description="K of Gordon, Salmond & Smith (1993); 0: none")
-    measured: Measured = Field("quaternion", description="all of the reading's attitude, or its vector part as printed")
+    measured: Measured = Field("quaternion", description=MEASURED)
+    directions: Directions = Field(TWO, description='of N, for measured = "directions"')
+    likelihood: NoiseDistribution = Field(NormalNoise(), description="how it takes readings to be distributed, with the covariance R")
+    start: Literal["reading", "mirrored", "anywhere"] = Field(
+        "reading", description="particles around the first reading, half of them with the other q4, or attitudes evenly everywhere"
+    )
+    annealing: Annotated[float, Field(ge=1, le=1e9)] = Field(1.0, description="how much larger a reading's deviation is taken at first")
+    annealing_s: Positive = Field(10.0, description="after how long it is taken as it is, falling geometrically")
+
+    def check(self, where: str, wheels: int) -> None:
+        """Raise ValueError if a mixture meets a reading whose density it has not in closed form."""
+        super().check(where, wheels)
+        if self.measured == "directions" and self.likelihood.mixture is not None and self.proposal != "bootstrap":
+            raise ValueError(f"{where}.proposal: directions and a likelihood that is not normal need 'bootstrap'")
 
     @property
     def by_vector(self) -> bool:
         """Whether the vector part alone is taken of a reading's attitude."""
         return self.measured == "vector"
+
+    @property
+    def by_directions(self) -> Array | None:
+        """Directions of N that alone are taken of a reading's attitude, (k, 3); None: all of it."""
+        return _unit(self.directions) if self.measured == "directions" else None
 
     def build(self, place: Place, fault: WheelFault | None = None) -> Any:
         """A particle filter; its random numbers are handed in."""
@@ -228,7 +271,17 @@ class Pf(ExtendedSettings):
             threshold=self.threshold,
             roughening=self.roughening,
             integrate=euler if parts.explicit else runge_kutta,
+            mixture=self.likelihood.mixture,
+            start=self.start,
+            annealing=self.annealing,
+            annealing_s=self.annealing_s,
         )
+
+
+def _unit(directions: Directions) -> Array:
+    """Of length one, (k, 3)."""
+    given = np.array(directions)
+    return given / np.linalg.norm(given, axis=-1, keepdims=True)
 
 
 class WheelMode(Section):

@@ -206,7 +206,12 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
     return System(
         plant=plant,
         sensors=AgentsSensors(
-            deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (scenario.plant.agents, 4)), np.array([2, 2]), faults
+            deviation,
+            RandomStream(run.seed, trials, Stream.AGENTS_READING, (scenario.plant.agents, 4)),
+            np.array([2, 2]),
+            faults,
+            scenario.sensors.distribution,
+            RandomStream(run.seed, trials, Stream.AGENTS_TAILS, (scenario.plant.agents, 2), uniform=True),
         ),
         estimators=estimators,
         feedback=ConsensusFeedback(unknown, isinstance(settings, Exact), dt, estimators, settings.feedback),

@@ -6,9 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from control.communication_graph import CommunicationGraph
 from control.formation_law import FormationLaw, Gains
 from estimation.leader_acceleration import LeaderAccelerationFilter
+from estimation.neighbours_residuals import agents_statistic
 from estimation.state_space import Euclidean
 from models.attitude import modified_rodrigues, quaternion
 from models.plants.assembly import Assembly
@@ -152,6 +155,34 @@ class FormationEffectors:
 
 
 @dataclass(frozen=True, eq=False)
+class Sight:
+    """What agents see of those whom they hear: attitudes relative to their own.
+
+    Attributes:
+      ways: who sees whom, counted from zero, (ways, 2).
+      deviation: about each axis, rad.
+      noise: standard normal, (trials, ways, 3) a tick.
+      reading_deviation: of each component of sigma.
+    """
+
+    ways: NDArray[np.int64]
+    deviation: float
+    noise: RandomStream
+    reading_deviation: float
+
+    def statistic(self, q_BN: Array, reading: Array) -> Array:
+        """How unlikely each agent's error is, of true attitudes (trials, agents, 4) and readings of sigma (trials, agents, 3)."""
+        who, whom = self.ways.T
+        said = modified_rodrigues.to_quaternion(reading)
+        relative = quaternion.multiply(q_BN[:, whom], quaternion.inverse(q_BN[:, who]))
+        seen = quaternion.multiply(quaternion.from_rotation_vector(self.deviation * self.noise.tick()), relative)
+        residual = quaternion.error(said[:, whom], quaternion.multiply(seen, said[:, who]))
+        scale = 4.0 / (1.0 + np.nan_to_num(_squares_of(reading)))  # of a small turn, rad, to a change of sigma
+        own = (self.reading_deviation * scale) ** 2
+        return agents_statistic(residual, whom, own, own[:, who] + self.deviation**2)
+
+
+@dataclass(frozen=True, eq=False)
 class FormationRecord:
     """What is recorded of a tick.
 
@@ -161,6 +192,7 @@ class FormationRecord:
       shadow: errors are those of the set with |sigma| <= 1.
       wheels: of each agent.
       limit_nm: of the torque about each body axis.
+      sight: of those who see others, if a faulty one is looked for.
     """
 
     leader: Array
@@ -168,6 +200,7 @@ class FormationRecord:
     shadow: bool
     wheels: int
     limit_nm: float
+    sight: Sight | None = None
 
     def channels(self, tick: int, now: Snapshot) -> dict[str, AnyArray]:
         """Of the trials that are recorded, (trials, agents, ...)."""
@@ -207,6 +240,9 @@ class FormationRecord:
             row[f"{estimator.names[0]}/velocity_squared"] = _squares(wrong) / state.shape[-2]
             if summary.memory is not None:
                 row[f"{estimator.names[0]}/lost"] = np.sum(summary.memory.restarted[0], axis=-1, dtype=float)
+        if self.sight is not None:
+            statistic = self.sight.statistic(q_BN, now.reading)
+            row |= {f"isolation/{agent}": own for agent, own in enumerate(statistic.T, 1)}
         if self.wheels:
             row |= {
                 "peak_wheel_speed": np.max(np.abs(now.truth.omega_wheel), axis=-1),
@@ -253,12 +289,17 @@ def build_formation(scenario: FormationScenario, name: str, assembly: Assembly, 
     estimators = formation_estimators(scenario, name, trials, user_code)
     user_law = user_code.control(surroundings(scenario))
     law = FormationLaw(parameters.believed_inertia, loop.law.gains, parameters.torque_limit_nm)
-    record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm)
+    record = FormationRecord(leader, estimators, loop.shadow, scenario.wheels, parameters.torque_limit_nm, _sight(scenario, graph, trials))
     losses = RandomStream(run.seed, trials, Stream.MESSAGES, (len(graph.ways),), uniform=True)
     return System(
         plant=plant,
         sensors=AgentsSensors(
-            scenario.reading_deviation, RandomStream(run.seed, trials, Stream.AGENTS_READING, (agents, 3)), np.array([3]), faults
+            scenario.reading_deviation,
+            RandomStream(run.seed, trials, Stream.AGENTS_READING, (agents, 3)),
+            np.array([3]),
+            faults,
+            scenario.reading_distribution,
+            RandomStream(run.seed, trials, Stream.AGENTS_TAILS, (agents, 1), uniform=True),
         ),
         estimators=estimators,
         feedback=FormationFeedback(loop.feedback, estimators, drives, loop.shadow),
@@ -314,3 +355,18 @@ def formation_angle(q_BN: Array) -> Array:
     i, j = np.triu_indices(q_BN.shape[-2], 1)
     cosine = np.minimum(np.abs(np.sum(np.take(q_BN, i, axis=-2) * np.take(q_BN, j, axis=-2), axis=-1)), 1.0)
     return np.sqrt(np.sum((2.0 * np.arccos(cosine)) ** 2, axis=-1) / max(len(i), 1))
+
+
+def _sight(scenario: FormationScenario, graph: CommunicationGraph, trials: Trials) -> Sight | None:
+    """Of those who hear others, if a faulty one is looked for."""
+    if scenario.isolation is None:
+        return None
+    ways = np.argwhere(graph.weights > 0.0)
+    noise = RandomStream(scenario.run.seed, trials, Stream.AGENTS_RELATIVE, (len(ways), 3))
+    return Sight(ways, scenario.isolation.deviation_rad, noise, scenario.reading_deviation)
+
+
+def _squares_of(vector: Array) -> Array:
+    """Length squared of each, (..., 3) to (...)."""
+    squares: Array = np.vecdot(vector, vector)
+    return squares

@@ -53,7 +53,15 @@ def gyroless(rows: Iterable[Row]) -> list[Claim]:
     loud = compare(
         "large noise: the particle filter is better", "figures only", "rms_rate_error", _LOUD, "pf-matched-noise", "aukf-matched-noise"
     )
-    return [*claims, quiet, loud]
+    plain = compare(
+        "large noise: the particle filter is better than an unscented one that does not fade",
+        "not said",
+        "rms_rate_error",
+        _LOUD,
+        "pf-matched-noise",
+        "ukf-matched-noise",
+    )
+    return [*claims, quiet, loud, plain]
 
 
 CLAIMS = {"gyroless": gyroless}

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sim.loop.recording import Recording
 from sim.metric import Metric
+from sim.metrics.isolation import isolation
 from sim.scenario.formation import FormationScenario
 
 Array = NDArray[np.floating]
@@ -54,7 +55,7 @@ def evaluate(loop: str, recording: Recording, scenario: FormationScenario) -> li
             elif what == "lost":
                 out.append(Metric(subject, "lost_filters", phase, "1", np.sum(values, axis=-1)))
     out.append(Metric(loop, "settling_time_s", "all", "s", settling_time(figures["fkae"], recording.dt)))
-    return out
+    return out + isolation(loop, recording, scenario)
 
 
 def mean_of_numbers(values: Array) -> Array:

@@ -18,6 +18,7 @@ from sim.faults.readings import DropOut
 from sim.scenario.graph import ConsensusGraph
 from sim.scenario.named_sections import check_name
 from sim.scenario.run import Published, RunSettings, check_steps
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 CROWD = 400  # trial particles of a marginalised filter that take about a minute for 20 s
 
@@ -52,6 +53,7 @@ class SensorSettings(Section):
 
     position_std_m: NonNegative = 1e-4
     speed_std_m_s: NonNegative = 1e-4
+    distribution: NoiseDistribution = Field(NormalNoise(), description="of the noise, whose deviations are then its scale")
 
 
 class ConsensusScenario(Section):

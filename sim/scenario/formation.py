@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from control.formation_law import Gains
 from models.attitude.modified_rodrigues import to_quaternion
 from models.plants.inertia import why_impossible
 from models.plants.register.entries import kind_of
-from models.sections import Headline, NonNegative, Section
+from models.sections import Headline, NonNegative, Positive, Section
 from sim.estimators.rodrigues_settings import ObserverSettings
 from sim.faults.bodies import InertiaChange
 from sim.faults.kinds import Fault, check_faults, renamed
@@ -24,6 +24,7 @@ from sim.plant.kinds import FormationSettings, check_tilt, filled
 from sim.scenario.graph import FormationGraph
 from sim.scenario.named_sections import WindowsOfAgents, beyond, check_name, check_windows
 from sim.scenario.run import Published, RunSettings, check_steps
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
 
@@ -82,6 +83,14 @@ class LawSettings(Section):
         return Gains(self.k1, self.k2, self.k3, self.gamma, self.lambda_)
 
 
+class IsolationSettings(Section):
+    """Agents see those whom they hear, and name the one whose messages do not fit what they see."""
+
+    deviation_rad: Positive = Field(1e-3, description="of an attitude relative to one's own as it is seen, about each axis")
+    window_s: Positive = Field(0.2, description="over which residuals are summed")
+    tail: Annotated[float, Field(gt=0, lt=0.5)] = Field(1e-8, description="probability of such a sum, of one agent, that names it")
+
+
 class LoopSettings(Section):
     """One closed loop."""
 
@@ -104,9 +113,11 @@ class FormationScenario(Section):
     leader: LeaderSettings = LeaderSettings()
     start: StartSettings = StartSettings()
     reading_deviation: NonNegative = Field(1e-4, description="of each component of sigma, a reading")
+    reading_distribution: NoiseDistribution = Field(NormalNoise(), description="of that noise, whose deviation is then its scale")
     observers: dict[str, ObserverSettings] = Field({}, description="by name")
     loops: dict[str, LoopSettings]
     faults: tuple[Fault, ...] = ()
+    isolation: IsolationSettings | None = Field(None, description="whether a faulty agent is looked for; what it says changes no loop")
     phases: WindowsOfAgents = Field({}, description="windows of time with metrics of their own: [start, end] in s")
     published: Published | None = None
 

@@ -50,7 +50,9 @@ def _of_a_body(scenario: Scenario) -> Surroundings:
 def _of_a_formation(scenario: FormationScenario) -> Surroundings:
     kind = kind_of(scenario.plant)
     layout, process = kind.layout(scenario.plant), kind.believed(scenario.plant, False, None)
-    noise = np.diag(layout.repeated({"attitude": scenario.reading_deviation**2, "rate": NEVER_READ}))
+    noise = np.diag(
+        layout.repeated({"attitude": scenario.reading_distribution.variance * scenario.reading_deviation**2, "rate": NEVER_READ})
+    )
     setting = Setting(process, process, layout, Euclidean(), noise, 0)
 
     def measured(reading: Array) -> Array:
@@ -65,6 +67,7 @@ def _of_consensus(scenario: ConsensusScenario) -> Surroundings:
     kind, sensors = kind_of(scenario.plant), scenario.sensors
     layout, process = kind.layout(scenario.plant), kind.believed(scenario.plant, False, None)
     noise = np.diag(layout.repeated({"position": sensors.position_std_m**2, "velocity": sensors.speed_std_m_s**2}))
+    noise = sensors.distribution.variance * noise
     setting = Setting(process, process, layout, Euclidean(), noise, 0)
     return Surroundings(setting, 2, 0, lambda reading: reading, lambda known: known.force, gaps=_drops_out(scenario.faults), networked=True)
 

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from sim.faults.effects import AGE, BIAS, MISSING, NOISE
 from sim.faults.timeline import Timeline
 from sim.randomness import RandomStream
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
+
+NORMAL = NormalNoise()
 
 
 class AgentsTruth(Protocol):
@@ -26,19 +29,23 @@ class AgentsTruth(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class AgentsSensors:
-    """White noise on each component.
+    """White noise on each component, normal or with heavy tails.
 
     Attributes:
       deviation: of each component, broadcast to (components,), while no sensor is faulty.
       noise: standard normal, (trials, agents, components) a tick.
       components: how many each sensor reads, (sensors,).
       faults: of the sensors.
+      distribution: of the noise, whose deviation is then its scale.
+      uniforms: for that, (trials, agents, sensors) a tick; None: it is normal.
     """
 
     deviation: Array | float
     noise: RandomStream
     components: NDArray[np.int64]
     faults: Timeline
+    distribution: NoiseDistribution = NORMAL
+    uniforms: RandomStream | None = None
     _passed: list[Array] = field(default_factory=list)
 
     def rest(self) -> Array:
@@ -53,6 +60,9 @@ class AgentsSensors:
         if bias is not None:
             reading = reading + bias
         deviation = self.deviation if noise is None else np.repeat(noise, self.components, axis=-1)
+        if self.uniforms is not None and not isinstance(self.distribution, NormalNoise):
+            scale = self.distribution.scales(self.uniforms.tick())
+            deviation = deviation * np.repeat(scale, self.components, axis=-1)
         reading = reading + deviation * self.noise.tick()
         if missing is not None and missing.any():
             reading = np.where(np.repeat(missing, self.components, axis=-1), np.nan, reading)

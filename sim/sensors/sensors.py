@@ -19,6 +19,7 @@ from sim.faults.effects import AGE, BIAS, MISSING, NOISE
 from sim.faults.timeline import Timeline
 from sim.parts import Truth
 from sim.randomness import Stream
+from sim.sensors.distribution import NoiseDistribution, NormalNoise
 from sim.units import RPM
 
 Array = NDArray[np.floating]
@@ -47,6 +48,9 @@ class SensorSettings(Section):
     gyro_period_s: NonNegative = Field(0.0, description="the same of the rate gyro")
     wheel_period_s: NonNegative = Field(0.0, description="the same of the wheel speeds")
     dropout_probability: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, description="share of readings, of each sensor, that are missing")
+    distribution: NoiseDistribution = Field(
+        NormalNoise(), description="of all noise of a reading, whose deviations above are then its scale"
+    )
 
     @property
     def wheel_step_rad_s(self) -> float:
@@ -60,11 +64,12 @@ class SensorSettings(Section):
 
     @property
     def variances(self) -> tuple[float, float, float]:
-        """Variance of a reading: small rotation about an axis (rad2), rate (rad2/s2), wheel speed (rad2/s2), resolution included."""
+        """Variance of a reading: small rotation about an axis (rad2), rate, wheel speed (rad2/s2), with resolution and tails."""
+        wider = self.distribution.variance
         return (
-            self.attitude_noise_rad**2 + 4.0 * self.quaternion_noise**2 + self.attitude_resolution_rad**2 / 12.0,
-            self.gyro_noise_rad_s**2 + self.gyro_resolution_rad_s**2 / 12.0,
-            self.wheel_noise_rad_s**2 + self.wheel_step_rad_s**2 / 12.0,
+            wider * (self.attitude_noise_rad**2 + 4.0 * self.quaternion_noise**2) + self.attitude_resolution_rad**2 / 12.0,
+            wider * self.gyro_noise_rad_s**2 + self.gyro_resolution_rad_s**2 / 12.0,
+            wider * self.wheel_noise_rad_s**2 + self.wheel_step_rad_s**2 / 12.0,
         )
 
 
@@ -126,10 +131,19 @@ class Noise(NamedTuple):
     age: Array | None  # (ticks, trials) s
     missing: NDArray[np.bool_] | None  # (..., 3): attitude, gyro, wheels
     quaternion: Array | None = None  # (..., 4) standard normal
+    scale: Array | None = None  # (ticks, trials, 3) by which attitude, gyro and wheels are noisier than normal
 
 
-def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, ticks: int, wheels: int, dt: float) -> Noise:
-    """Draw a run's noise: trial i gets the same numbers whatever the batch."""
+def draw_noise(
+    settings: SensorArrays,
+    seed: int,
+    trials: randomness.Trials,
+    ticks: int,
+    wheels: int,
+    dt: float,
+    distributions: Sequence[NoiseDistribution] = (),
+) -> Noise:
+    """Draw a run's noise: trial i gets the same numbers whatever the batch; `distributions` are those of the trials, normal if empty."""
     bias = randomness.normals(seed, trials, Stream.GYRO_BIAS, ticks, 3)
     bias[0] *= settings.gyro_bias_rad_s
     bias[1:] *= settings.gyro_bias_walk_rad_s_sqrt_s * np.sqrt(dt)
@@ -149,7 +163,16 @@ def draw_noise(settings: SensorArrays, seed: int, trials: randomness.Trials, tic
         age=age,
         missing=missing,
         quaternion=quaternion,
+        scale=_scales(distributions, seed, trials, ticks),
     )
+
+
+def _scales(distributions: Sequence[NoiseDistribution], seed: int, trials: randomness.Trials, ticks: int) -> Array | None:
+    """By which attitude, gyro and wheels are noisier than normal, (ticks, trials, 3); None where all are normal."""
+    if all(isinstance(one, NormalNoise) for one in distributions):
+        return None
+    uniforms = randomness.uniforms(seed, trials, Stream.TAILS, ticks, 3)
+    return np.stack([one.scales(uniforms[:, i]) for i, one in enumerate(distributions)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +229,8 @@ class Sensors:
         sigma = [s.attitude_noise_rad, s.gyro_noise_rad_s, s.wheel_noise_rad_s, s.quaternion_noise]  # (trials, 1) each
         if (factor := faults.at(NOISE, tick)) is not None:
             sigma = [sigma[i] * factor[:, which, None] for i, which in enumerate((0, 1, 2, 0))]
+        if noise.scale is not None:
+            sigma = [sigma[i] * noise.scale[tick][:, which, None] for i, which in enumerate((0, 1, 2, 0))]
         turn = sigma[0] * noise.attitude[tick]
         rate = state[:, RATE] + noise.gyro_bias[tick] + sigma[1] * noise.gyro[tick]
         wheel = state[:, WHEELS] + sigma[2] * noise.wheel[tick]

@@ -22,25 +22,31 @@ _REGION = (("state", "body in\nregion, s"), ("estimate", "estimate in\nregion, s
 def windows(rows: list[Row], scenario: Scenario, trials: int) -> list[Table]:
     """Errors in the windows that the run reached, then how body and filter ended; printed values in colour."""
     found = {(row.subject, row.metric, row.phase): row for row in rows}
-    spans = [name for name in scenario.phases if any((loop, "rms_rate_error", name) in found for loop in scenario.loops)]
+    subjects = _subjects(scenario)
+    spans = [name for name in scenario.phases if any((subject, "rms_rate_error", name) in found for subject in subjects)]
     tables = []
     for metric, what, factor in _ERRORS:
         table = plain_table(f"RMS error of the estimate: {what}", f"means over {counted(trials, 'trial')}")
         table.add_column("loop", overflow="fold")
         for name in spans:
             table.add_column(f"{name} s", justify="right", no_wrap=True)
-        for loop in scenario.loops:
-            cells = [found.get((loop, metric, name)) for name in spans]
+        for subject in subjects:
+            cells = [found.get((subject, metric, name)) for name in spans]
             if any(cells):
-                table.add_row(loop, *(number(row and factor * row.mean) for row in cells))
+                table.add_row(subject, *(number(row and factor * row.mean) for row in cells))
         tables.append(table)
     return [*tables, _ends(found, scenario, trials)]
+
+
+def _subjects(scenario: Scenario) -> list[str]:
+    """Every loop, and the filters that watch it."""
+    return [subject for name, loop in scenario.loops.items() for subject in (name, *(f"{name}/{one}" for one in loop.watching))]
 
 
 def _ends(found: dict[tuple[str, str, str], Row], scenario: Scenario, trials: int) -> Table:
     published = scenario.published
     printed = published.values if published else {}
-    shown = [column for column in _ENDS if any((loop, column[0], "all") in found for loop in scenario.loops)]
+    shown = [column for column in _ENDS if any((loop, column[0], "all") in found for loop in _subjects(scenario))]
     table = plain_table(
         Text.assemble("Body and filter", *(("; ", paper(published.source)) if published else ())),
         f"region: |q_i| < 1e-3 and rates < 50e-6 rad/s, first time, mean of the trials that came there (how many of {trials})",
@@ -48,7 +54,7 @@ def _ends(found: dict[tuple[str, str, str], Row], scenario: Scenario, trials: in
     table.add_column("loop", overflow="fold")
     for heading in [heading for _, heading in (*_REGION, *shown)]:
         table.add_column(heading, justify="right", no_wrap=True)
-    for loop in scenario.loops:
+    for loop in _subjects(scenario):
         cells: list[str | Text] = []
         for phase, _ in _REGION:
             row = found.get((loop, "time_to_region_s", phase))
