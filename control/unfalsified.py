@@ -209,7 +209,7 @@ def _best(choices: list[Choice | None], theta: Array, present: int) -> tuple[Cho
     ]
     if not ranked:
         return None
-    *_, index, choice = min(ranked, key=lambda one: one[:4])
+    *_, index, choice = min(ranked, key=lambda one: one[:-1])
     return choice, index
 
 
