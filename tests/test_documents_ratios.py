@@ -152,7 +152,8 @@ def of_gyroless() -> list[str]:
     aukf, pf = rates[noisy, "aukf-matched"], rates[noisy, "pf-matched"]
     claims = [
         f"rate after 100 s: `matched` PF {after_100_s(free, 'pf-matched'):.1f}e-3, AUKF {after_100_s(free, 'aukf-matched'):.1f}e-3; "
-        f"`as-printed` PF {after_100_s(free, 'pf-printed') / 1e3:.1f}, AUKF with the constant factor {after_100_s(free, 'aukf-constant') / 1e3:.3f}",
+        f"`as-printed` PF {after_100_s(free, 'pf-printed') / 1e3:.1f}, "
+        f"AUKF with the constant factor {after_100_s(free, 'aukf-constant') / 1e3:.3f}",
         f"2e-6: {aukf[1]:.2f}e-3 against {pf[1]:.1f}e-3; 1e-8: {aukf[2] * 1e3:.2f}e-6 against {pf[2]:.1f}e-3 rad/s",
         f"rate {pf[3] / 1e3:.3f} against {aukf[3] / 1e3:.1f} rad/s",
         f"Without fading (the MEKF) it is {rates[noisy, 'mekf'][3] / 1e3:.3f} rad/s",
