@@ -30,6 +30,7 @@ SETTINGS = [
     ("observers.ekf.tuning=best", ["ekf.tuning", "'best'", "paper, consistent"]),
     ("observers.nis-fading.alpha=1.2", ["observers.nis-fading.alpha", "less than 1"]),
     ("observers.nis-fading.tail_on=0.2", ["observers.nis-fading", "on < off"]),
+    ("control={type='unfalsified',feedback='truth',axis_limit_nm=1}", ["control.axis_limit_nm", "unknown key"]),
     ("control.feedback=nis", ["control.feedback", "'nis'", "nis-fading", "truth", "measurement"]),
     ("reference.amplitude_deg=[4,6]", ["reference.amplitude_deg"]),
     ("faults=[{kind='float',wheel=5,start_s=1,duration_s=1}]", ["faults.0", "no wheel 5", "1 to 4"]),

@@ -50,11 +50,13 @@ def others(section: Any, name: str) -> list[Any]:
     if isinstance(now, bool):
         return [not now]
     if isinstance(now, int | float):
-        return [now + 1, 1.1 * now, 0.9 * now, 0.9 * now + 0.05]
+        return [value for value in (now + 1, 1.1 * now, 0.9 * now, 0.9 * now + 0.05) if value != now]
+    if isinstance(now, tuple):
+        return [now[:1]]
     if now is None:
         return [0.37, 3]
     if isinstance(now, BaseModel):
-        return [{"type": "strong-tracking"}, {"type": "gated"}]
+        return [{"type": "gated"}, {"type": "student-t"}]
     if name == "resampling":
         return [scheme for scheme in SCHEMES if scheme != now]
     return [choice for choice in get_args(type(section).model_fields[name].annotation) if choice != now]
@@ -96,16 +98,18 @@ SECTIONS: list[tuple[Callable[[Any], Any], Any, set[str]]] = [  # builder, secti
     (of_a_law, PdSettings(type="pd", **FEEDBACK), {"feedback"}),
     (of_a_law, SlidingModeSettings(type="sliding-mode", slope_rad_s=0.3, reaching_rad_s2=0.2, **FEEDBACK), {"feedback"}),
     (of_a_law, OutputFeedbackSettings(type="output-feedback", **FEEDBACK), {"feedback"}),
-    # its law has no limit of its own, and the body that it is of has no wheels to share among
-    (of_a_law, UnfalsifiedSettings(type="unfalsified", **FEEDBACK), {"feedback", "axis_limit_nm"}),
+    (of_a_law, UnfalsifiedSettings(type="unfalsified", **FEEDBACK), {"feedback", "integrals"}),
+    (of_a_law, UnfalsifiedSettings(type="unfalsified", candidates="pid", **FEEDBACK), {"feedback"}),
     (of_an_observer, Ekf(type="ekf", **OWN), set()),
     (of_an_observer, Mekf(type="mekf", **OWN), set()),
     (of_an_observer, Sif(type="sif", **OWN), set()),
     (of_an_observer, NisSwitched(type="nis-switched", smoothing="windowed", **OWN), {"alpha"}),
     (of_an_observer, NisSwitched(type="nis-switched", smoothing="fading", **OWN), {"window"}),
     (of_an_observer, Ukf(type="ukf", **OWN), set()),
-    (of_an_observer, Aukf(type="aukf", **OWN), set()),
-    (of_an_observer, Pf(type="pf", **OWN), set()),
+    (of_an_observer, Aukf(type="aukf", **OWN), {"directions"}),
+    (of_an_observer, Aukf(type="aukf", measured="directions", **OWN), set()),
+    (of_an_observer, Pf(type="pf", **OWN), {"directions"}),
+    (of_an_observer, Pf(type="pf", measured="directions", proposal="bootstrap", **OWN), set()),
     (of_an_observer, Imm(type="imm", filter={"type": "mekf"}, modes=MODES, **OWN), {"transition", "initial"}),
     (of_a_formation, AukfSettings(type="aukf"), {"value"}),
     (of_a_formation, AukfSettings(type="aukf", fading="constant"), {"forgetting", "cap"}),

@@ -52,7 +52,6 @@ AllocationSettings = Annotated[PseudoInverseSettings | ModeWeightedSettings, Fie
 class LawSettings(Section, ABC):
     """What all laws can be told."""
 
-    axis_limit_nm: Positive | None = Field(None, description="the demand is clipped to this about each body axis before it is allocated")
     allocation: AllocationSettings = PseudoInverseSettings()
     feedback: str = Field(description="who tells the controller the state: an observer, `truth` or `measurement`")
 
@@ -60,6 +59,11 @@ class LawSettings(Section, ABC):
     def gains(self) -> dict[str, float | tuple[float, ...]]:
         """The gains that can differ between modes, by key."""
         return {}
+
+    @property
+    def clipped_at_nm(self) -> float | None:
+        """What the demand is clipped to about each body axis; None: by the drives alone."""
+        return None
 
     def check(self, where: str, tick_s: float) -> None:
         """Raise ValueError if the law cannot do with so few decisions; complaints begin with `where`."""
@@ -82,7 +86,13 @@ class LawSettings(Section, ABC):
 class MemorylessSettings(LawSettings):
     """What laws without a memory have in common."""
 
+    axis_limit_nm: Positive | None = Field(None, description="the demand is clipped to this about each body axis before it is allocated")
     compensate_learned: bool = Field(False, description="subtracts the torque that the feedback observer has learned")
+
+    @property
+    def clipped_at_nm(self) -> float | None:
+        """The limit."""
+        return self.axis_limit_nm
 
     @abstractmethod
     def law(self, model: BodyModel) -> Controller:

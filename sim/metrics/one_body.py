@@ -44,7 +44,7 @@ def evaluate(recording: Recording, assembly: Assembly, loop: str = "loop", scena
     reading = _by_trial(recording.channels["reading"])
     spins = scenario is not None and isinstance(scenario.reference, EulerRates)
     closing = scenario.law.feedback if scenario is not None and loop != "loop" else None
-    limit = (scenario.law.axis_limit_nm if scenario is not None else None) or np.inf
+    limit = (scenario.law.clipped_at_nm if scenario is not None else None) or np.inf
     out: list[Metric] = []
     flagged = phases(recording)
     every = scenario is not None and scenario.phase_metrics == "all"
