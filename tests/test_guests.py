@@ -47,9 +47,10 @@ class OwnMEKF2:
     def __post_init__(self):
         s = self.setting
         n = 6 + s.wheels
+        half = np.diag(np.repeat([2e-10, 2.2e-7, 6.75e-3], [3, 3, s.wheels]))
         self.inside = ExtendedFilter(
-            s.process_with_drag, np.diag(np.repeat([4e-10, 4e-7, 1.3e-2], [3, 3, s.wheels])), s.measurement_noise,
-            np.eye(n + 1)[3], np.ones(n), SwitchedGain(np.ones(n), Fading(0.9), n), Multiplicative())
+            s.process_with_drag, half, s.measurement_noise, np.eye(n + 1)[3], np.ones(n),
+            SwitchedGain(np.ones(n), Fading(0.9), n), Multiplicative(), process_noise_before=half)
 
     def told(self, b):
         return Mine(b.mean, b.covariance, b.nis, b.detection.declared, b.detection.statistic, b)

@@ -259,7 +259,8 @@ def test_the_learned_term_makes_the_loop_track_better() -> None:
     shard = simulate(load(NAME, {"run.ticks": 300, "run.seed": 515}), np.arange(4), np.zeros(0, dtype=np.int64))
     found = {(m.subject, m.metric, m.phase): m.values for m in shard.metrics}
     late = {loop: found[loop, "tracking_error_deg", "0-30"] for loop in ("plain", "constant", "learned-estimate", "learned", "exact")}
-    assert np.all(late["learned"] < 0.65 * late["plain"])
+    assert np.mean(late["learned"] / late["plain"]) < 0.6
+    assert np.all(late["learned"] < 0.75 * late["plain"])
     assert np.all(late["learned"] < 0.9 * late["learned-estimate"])
     assert np.all(late["exact"] < late["learned"])
     assert found["plain", "nis_mean", "0-30"].min() > 20.0

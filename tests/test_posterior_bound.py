@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from estimation.posterior_bound import posterior_bound
-from sim.cli.main import app
+from sim.cli.command import app
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.bound import TRAJECTORIES, efficiency

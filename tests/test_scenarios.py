@@ -30,7 +30,7 @@ def test_every_scenario_runs_and_its_files_say_the_same(nacs, tmp_path, name: st
         "run.ticks=24",
         *(f"faults.{i}.start_s={8 * tick:g}" for i in range(len(faults))),
         *(f"faults.{i}.duration_s={6 * tick:g}" for i in range(len(faults))),
-        *(["identification.period=20.0"] if scenario.identification else []),
+        *(["identification.period=30.0"] if scenario.identification else []),
     ]
     drawn = ["recording.rrd", "report.png"] if name in DRAWN else []
     options = () if drawn else ("--without", "report", "--without", "recording")
@@ -40,8 +40,11 @@ def test_every_scenario_runs_and_its_files_say_the_same(nacs, tmp_path, name: st
     summary = json.loads((tmp_path / "it" / "summary.json").read_text())
     assert {"scenario", "seed", "trials", "versions", "wall_s", "sim_s", "rows"} <= summary.keys()
     assert (summary["scenario"], summary["trials"]) == (name, 2)
-    mapping = {"azimuth", "elevation"} if scenario.reference.type == "antenna-mapping" else set()
-    assert {row["subject"] for row in summary["rows"]} == (set(scenario.loops) | mapping or {*scenario.observers, "loop"})
+    channels = any(loop.control.type == "unfalsified" for loop in scenario.loops.values())
+    mapping = {"azimuth", "elevation"} if channels else set()
+    watching = {f"{loop}/{one}" for loop, settings in scenario.loops.items() for one in settings.watching}
+    subjects = {row["subject"] for row in summary["rows"]}
+    assert subjects - watching == (set(scenario.loops) | mapping or {*scenario.observers, "loop"})
     assert not scenario.published or scenario.published.source in result.out
     values: dict[tuple[str, ...], list[float]] = {}
     for row in pq.read_table(tmp_path / "it" / "trials.parquet").to_pylist():

@@ -271,7 +271,7 @@ def test_where_everything_is_falsified_the_gains_stay_and_nothing_has_switched()
     _, before, after, events, tests = flight(FULL).events[0]
     where = tuple(np.argwhere(events.switched)[0])
     hopeless = before._replace(archive=np.broadcast_to(np.eye(3), before.archive.shape), archived=np.ones_like(before.archived))
-    theta, switched, from_grid = FULL.controller()._replace(hopeless, tests, events.falsified)
+    theta, _, switched, from_grid = FULL.controller()._replace(hopeless, tests[..., None, :, :, :], events.falsified)
     np.testing.assert_array_equal(theta, before.theta)
     assert events.falsified[where]
     assert not switched.any()

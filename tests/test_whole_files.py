@@ -264,6 +264,12 @@ def test_what_the_caller_ignores_stays_ignored(signals: Signals) -> None:
     assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
 
 
+def _hear_everything() -> None:
+    """As a process that a terminal starts: what the tests' own parent told them to ignore is inherited otherwise."""
+    for name in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, signal.SIG_DFL if name != signal.SIGINT else signal.default_int_handler)
+
+
 @pytest.mark.parametrize("name", ASKING)
 @pytest.mark.parametrize("module", ["numpy", "typer"])
 def test_a_signal_while_modules_are_imported_is_one_line(name: str, module: str, tmp_path: Path) -> None:
@@ -272,7 +278,7 @@ def test_a_signal_while_modules_are_imported_is_one_line(name: str, module: str,
     (tmp_path / f"{module}.py").write_text(asks)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
     command = [sys.executable, "-m", "sim.cli.main", "run", "nacs/fault-free", "--out", "it"]
-    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, preexec_fn=_hear_everything)
     assert (ended.returncode, ended.stderr) == (130, "interrupted: nothing was begun; the same command begins anew\n")
     assert not (tmp_path / "it").exists()
 
