@@ -25,7 +25,7 @@ WRONG = [
     ("observers.imm.initial=[1.0]", ["observers.imm.initial", "1 probabilities for 2 modes"]),
     ("observers.imm.modes=[[]]", ["observers.imm.modes", "two modes"]),
     (f"observers.imm.modes={MODES.replace('wheel=1', 'wheel=5')}", ["observers.imm.modes.1", "no wheel 5", "1 to 4"]),
-    ("observers.imm.filter.type=imm", ["observers.imm.filter: no type is called 'imm'; there are ekf, mekf, ukf"]),
+    ("observers.imm.filter.type=imm", ["observers.imm.filter: no type is called 'imm'; there are ekf, mekf, sif, ukf"]),
     ("observers.imm.floor=0.3", ["observers.imm.floor", "less than 0.1"]),
     ("loops.pd-imm.control.proportional_nm=[70.0]", ["loops.pd-imm.control.proportional_nm", "1 gains for the 2 modes of imm"]),
     ("loops.pd-ukf.control.proportional_nm=[70.0,100.0]", ["loops.pd-ukf.control.proportional_nm", "2 gains for the 1 modes of ukf"]),

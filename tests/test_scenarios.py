@@ -24,7 +24,7 @@ def test_every_scenario_runs_and_leaves_its_files(nacs, tmp_path, name: str) -> 
         "run.ticks=60",
         *(f"faults.{i}.start_s={20 * tick:g}" for i in range(len(faults))),
         *(f"faults.{i}.duration_s={10 * tick:g}" for i in range(len(faults))),
-        *(["identification.period=20.0"] if scenario.identification else []),
+        *(["identification.period=30.0"] if scenario.identification else []),
     ]
     drawn = [] if "-mode-" in name else ["recording.rrd", "report.png"]  # such a file differs by one number from another, which is drawn
     options = () if drawn else ("--without", "report", "--without", "recording")
@@ -35,7 +35,7 @@ def test_every_scenario_runs_and_leaves_its_files(nacs, tmp_path, name: str) -> 
     assert {"scenario", "seed", "trials", "versions", "wall_s", "sim_s", "rows"} <= summary.keys()
     assert (summary["scenario"], summary["trials"]) == (name, 2)
     assert all(row.keys() == {"subject", "metric", "phase", "unit", "mean", "std", "min", "max", "n"} for row in summary["rows"])
-    mapping = {"azimuth", "elevation"} if scenario.reference.type == "antenna-mapping" else set()
+    mapping = {"azimuth", "elevation"} if any(loop.control.type == "unfalsified" for loop in scenario.loops.values()) else set()
     assert {row["subject"] for row in summary["rows"]} == (set(scenario.loops) | mapping or {*scenario.observers, "loop"})
     assert not scenario.published or scenario.published.source in result.out
 
