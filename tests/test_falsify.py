@@ -288,6 +288,12 @@ def test_bad_input_is_one_line(nacs, tmp_path: Path, panelsat, text: str, argume
     assert not (tmp_path / "it").exists()
 
 
+def test_an_identification_without_a_sine_for_each_channel_is_refused(nacs) -> None:
+    result = nacs("run", "nacs/unfalsified", "--set", "identification.period=20.0")
+    assert result.code == 2
+    assert "identification: period = 20: has no sine for each channel up to highest = 0.6; needs 20.94" in result.err
+
+
 def test_a_body_that_turns_about_has_no_axes(nacs, tmp_path: Path, panelsat) -> None:
     table = pq.read_table(panelsat[0])
     turn = np.linspace(0.0, 3.0, table.num_rows)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import tau
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from models.sections import Positive, Section
 
@@ -20,3 +21,10 @@ class IdentificationSettings(Section):
     settling_periods: Annotated[int, Field(ge=1)] = Field(1, description="flown before that")
     highest: Positive = Field(3.0, description="frequency / lambda")
     claim: Positive = Field(2.5, description="M1 of the specification that is claimed; the law itself is tighter")
+
+    @model_validator(mode="after")
+    def _a_sine_each(self) -> IdentificationSettings:
+        if self.highest * self.period < 2.0 * tau:
+            least = 2.0 * tau / self.highest
+            raise ValueError(f"period = {self.period:g}: has no sine for each channel up to highest = {self.highest:g}; needs {least:.4g}")
+        return self
