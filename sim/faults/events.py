@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -54,7 +55,7 @@ class Alias(NamedTuple):
 KINDS: dict[str, type[Event]] = {}
 
 
-class Event(Section):
+class Event(Section, ABC):
     """When a fault begins, when it ends, and how it grows; all may be drawn anew in every trial.
 
     Faults may overlap; where two say different things of one part, the one later in the file is heard.
@@ -124,9 +125,9 @@ class Event(Section):
     def check(self, parts: Parts) -> None:
         """Raise ValueError if it is of something that there is not."""
 
+    @abstractmethod
     def lay(self, on: Placement) -> str:
         """Lay down what it does, and say it."""
-        raise NotImplementedError
 
 
 class OfAgents(Event):

@@ -130,7 +130,7 @@ def residuals(rows: list[Row], published: Published, caption: str) -> Table:
     """The paper's own table, state by state: the twin's residual RMSE and, in colour, the printed one (both 1e-3)."""
     found = _lookup(rows, "all")
     names = [name for name in published.values if (name, "rmse_residual_q1") in found]
-    table = plain_table(Text.assemble(f"Residual RMSE as in {published.source}, 1e-3: twin and ", paper("paper")), caption)
+    table = plain_table(Text.assemble(f"Residual RMSE as in {published.source}, 1e-3: twin and ", paper("paper")), f"{caption}\n")
     table.add_column("state")
     for name in names:
         table.add_column(name, justify="right")
