@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sim.cli import command, main, terminal
+from sim.text.progress import PREFIX
 
 HUNG = 124  # exit code of what was ended for taking too long
 EXITS = (0, 1, 2, 3, 130)  # 1: a cross-check that fails
@@ -60,9 +61,10 @@ def call(arguments: Iterable[object], folder: Path, seconds: float = 30.0, mebib
 def complaints(ended: Ended) -> list[str]:
     """What a command must never do, whatever it is given; nothing if all is well."""
     lines = [line for line in ended.err.splitlines() if line.strip()]
-    errors = [line for line in lines if not line.startswith("warning: ")]
+    errors = [line for line in lines if not line.startswith(("warning: ", PREFIX))]
+    steps = {line.partition(", about ")[0] for line in lines if line.startswith(PREFIX)}
     found = []
-    if ended.code == HUNG and "take at least" not in ended.err:  # who is told that it takes hours can wait or not
+    if ended.code == HUNG and "take at least" not in ended.err and len(steps) < 2:  # who is told how long it takes can wait or not
         found.append("hangs")
     elif ended.code not in (*EXITS, HUNG):
         found.append(f"exit code {ended.code}")

@@ -10,11 +10,12 @@ import typer
 from sim.bad_input import BadInput
 from sim.campaign import cost
 from sim.cli.result_files import interrupted_as
-from sim.cli.terminal import Name, Overrides, Seed, load, out
+from sim.cli.terminal import Name, Overrides, Seed, err, load, out
 from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.bound import efficiency
 from sim.tables.bound import table
+from sim.text.progress import Work
 
 
 def bound(
@@ -41,7 +42,9 @@ def bound(
     numbers = np.arange(trials)
     try:
         with interrupted_as("nothing was written"):
-            recording = run(build(single, numbers) if whole.family == "body" else build(whole, numbers, loop=chosen))
+            system = build(single, numbers) if whole.family == "body" else build(whole, numbers, loop=chosen)
+            with Work(err, "ticks") as work:
+                recording = run(system, lambda _, recorder: work.report("flight", recorder.done, recorder.ticks))
             found = efficiency(single, recording, since)
     except ValueError as wrong:
         raise BadInput(f"{name}: {wrong}") from None

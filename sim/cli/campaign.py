@@ -12,8 +12,6 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 from pydantic import ValidationError
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.text import Text
 
 from models.plants.register.entries import kind_of
 from sim.bad_input import BadInput
@@ -46,20 +44,13 @@ from sim.scenario import files
 from sim.scenario.validation import first_error
 from sim.signals import AS_BEFORE, SIGNALS
 from sim.tables import one_body as tables
+from sim.text.progress import Work
 from sim.text.table_style import counted
 from sim.text.toml_text import is_there
 from sim.whole_file import NotWritten
 
 BASELINES = ("ekf", "sif")
 WAY_ON = "name another folder, or go on with it by --resume"
-
-
-class Rate(ProgressColumn):
-    """Trials a second, once there is a first shard."""
-
-    def render(self, task: Task) -> Text:
-        """Text of the column."""
-        return Text(f"{task.speed:.1f}/s" if task.speed else "")
 
 
 def campaign(
@@ -174,16 +165,14 @@ class Ended(NamedTuple):
 def _fly(todo: list[Job], store: Store, running: Engine, mixed: bool) -> Ended:
     """Do the jobs and keep each as it comes."""
     size = {(job.point, job.start): job.stop - job.start for job in todo}
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(), TimeRemainingColumn())
-    left = sum(size.values())
+    left = everything = sum(size.values())
     try:
-        with Progress(*columns, console=err, transient=True, speed_estimate_period=120, disable=not err.is_terminal) as bar:
-            task = bar.add_task("trials", total=left)
+        with Work(err, "trials") as work:
             for done in running.map(fly, todo):
                 with SIGNALS.held():
                     store.keep(done, mixed)
                     left -= size[done.point, done.start]
-                bar.advance(task, size[done.point, done.start])
+                work.advance("campaign", size[done.point, done.start], everything)
     except KeyboardInterrupt:
         return Ended(left, INTERRUPTED, "interrupted")
     except (NotWritten, WorkersLost, SchedulerLost, BadInput) as broken:

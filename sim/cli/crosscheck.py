@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from sim.bad_input import BadInput
@@ -27,7 +26,7 @@ from sim.plant.kinds import compile_plant
 from sim.scenario.one_body import Scenario
 from sim.tables.crosscheck import tables
 from sim.tables.crosscheck_agents import divergence
-from sim.text.table_style import counted
+from sim.text.progress import Work
 
 CHECK_FAILED = 1
 FILES = RECORDING, PICTURE, SUMMARY = "crosscheck.rrd", "crosscheck.png", "summary.json"
@@ -68,10 +67,7 @@ def crosscheck(
     instants = _instants(loaded, at, family.instants)
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
     started = time.perf_counter()
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=err, transient=True, disable=not err.is_terminal
-    ) as bar:
-        task = bar.add_task("")
+    with Work(err, "steps") as work:
         try:
             with interrupted_as("nothing was written; the same command begins anew"):
                 found = examine(
@@ -80,7 +76,7 @@ def crosscheck(
                     chosen,
                     wanted,
                     instants,
-                    lambda what, done, of: bar.update(task, description=what, completed=done, total=of),
+                    work.report,
                 )
         except SimulationFailed as failure:
             err.print(f"error: {failure}; nothing was written")
@@ -118,9 +114,9 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     try:
         with (
             interrupted_as("nothing was written; the same command begins anew"),
-            err.status(f"flying {counted(loaded.run.trials, 'trial')} and their models"),
+            Work(err, "steps") as work,
         ):
-            found = agents.examine(loaded, loop or loaded.loop_names[0], instants)
+            found = agents.examine(loaded, loop or loaded.loop_names[0], instants, work.report)
     except SimulationFailed as failure:
         err.print(f"error: {failure}; nothing was written")
         raise typer.Exit(FAILED) from None

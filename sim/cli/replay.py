@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +21,7 @@ from sim.scenario.files import AnyScenario, parse_override
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
 from sim.signals import SIGNALS
+from sim.text.progress import Work
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
 
@@ -96,9 +98,10 @@ def replay(
     with interrupted_as(f"what was written until then is whole, in {target}; the same command with --overwrite writes all"):
         with SIGNALS.held():  # from the first part that is replayed until it is on the disk
             try:
-                with SIGNALS.heeded():
-                    for block in blocks:
-                        replayed.append(run_over(block, chosen[block.loop][0], user_code))
+                with SIGNALS.heeded(), Work(err, "ticks") as work:
+                    for number, block in enumerate(blocks, 1):
+                        part = f"part {number} of {len(blocks)}"
+                        replayed.append(run_over(block, chosen[block.loop][0], user_code, partial(work.report, part)))
             except KeyboardInterrupt:
                 stopped = True
             wall = time.perf_counter() - started

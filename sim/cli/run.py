@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sim.bad_input import BadInput
 from sim.campaign import cost
@@ -33,6 +32,7 @@ from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
 from sim.signals import SIGNALS
 from sim.tables.register import tables_of
+from sim.text.progress import Work
 from sim.text.table_style import counted
 from sim.user_code.user_code import UserCode
 
@@ -161,24 +161,16 @@ def _simulate(
 ) -> tuple[list[TrialBlock], bool, str | None]:
     """Blocks that finished, whether the user stopped the rest, and why else some are missing."""
     blocks: list[TrialBlock] = []
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("trial-s"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
+    seconds, what = loaded.run.tick_s, counted(len(numbers), "trial")
+    everything = seconds * loaded.run.ticks * len(numbers)
     try:
-        with SIGNALS.heeded(), Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-            seconds = loaded.run.tick_s
-            task = bar.add_task(counted(len(numbers), "trial"), total=round(seconds * loaded.run.ticks * len(numbers)))
+        with SIGNALS.heeded(), Work(err, "trial-s") as work:
             for block in simulate_all(
                 loaded,
                 cut(numbers, workers),
                 recorded,
                 workers,
-                lambda ticks: bar.advance(task, seconds * ticks),
+                lambda ticks: work.advance(what, seconds * ticks, everything),
                 user_code,
                 source,
                 stream,

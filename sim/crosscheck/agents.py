@@ -90,21 +90,30 @@ class AgentsCrossCheck:
         return self.limit is None or self.reached <= self.limit
 
 
-def examine(scenario: Any, loop: str, instants: tuple[float, ...] = INSTANTS_S) -> AgentsCrossCheck:
+def examine(
+    scenario: Any, loop: str, instants: tuple[float, ...] = INSTANTS_S, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> AgentsCrossCheck:
     """Fly a loop, and every model under the torques or forces that its agents were given.
+
+    Args:
+      scenario: of several agents.
+      loop: that is flown.
+      instants: at which the divergence is reported, s.
+      progress: called with what is being done, how much is done and of how much.
 
     Raises:
       SimulationFailed: a trial broke down.
     """
     family = FAMILIES[scenario.family]
-    recording = run_whole(build(scenario, np.arange(scenario.run.trials), loop=loop))
+    system = build(scenario, np.arange(scenario.run.trials), loop=loop)
+    recording = run_whole(system, lambda _, recorder: progress("ticks of the flight", recorder.done, recorder.ticks))
     truth, command, time = recording.channels["truth/state"], family.command(recording), recording.time
     apart = {}
     for name, slope in family.models(scenario).items():
         states = integrate(slope, truth[0], command, recording.dt)
         apart[name] = {quantity: of.apart(states, truth) for quantity, of in family.quantities.items()}
-    ticks = tuple(round(s / recording.dt) for s in instants if s <= time[-1] + 1e-9) or (len(time) - 1,)
-    return AgentsCrossCheck(loop, time, apart, family.quantities, ticks, family.exact(scenario))
+    reported = tuple(round(s / recording.dt) for s in instants if s <= time[-1] + 1e-9) or (len(time) - 1,)
+    return AgentsCrossCheck(loop, time, apart, family.quantities, reported, family.exact(scenario))
 
 
 def integrate(slope: Slope, start: Array, command: Array, dt: float) -> Array:

@@ -92,10 +92,17 @@ def altered(parameters: P, **changes: Any) -> P:
     return type(parameters)(**(parameters.model_dump() | changes))
 
 
-def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN) -> Flight:
-    """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop."""
+def fly(scenario: Scenario, trials: NDArray[np.int64], rig: Rig = PLAIN, progress: Callable[[int, int], None] = lambda *_: None) -> Flight:
+    """Fly the scenario, of one loop, in closed loop; feedback is the truth, so that a testbed stays away from its tilt stop.
+
+    Args:
+      scenario: what is flown.
+      trials: their numbers.
+      rig: what the kind of plant needs.
+      progress: called with ticks done and ticks in all.
+    """
     system = without_observers(build(scenario, trials))
-    recording = run_whole(system)
+    recording = run_whole(system, lambda _, recorder: progress(recorder.done, recorder.ticks))
     state, torque_B = recording.channels["truth/state"], recording.channels["torque_B"]
     drives = system.effectors
     assert isinstance(drives, BodyEffectors)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -92,8 +93,7 @@ def examine(
     """
     plant, tick_s = scenario.plant, scenario.run.tick_s
     ticks = tuple(sorted({round(s / tick_s) for s in at_s}))
-    progress("closed-loop flight", 0, 1)
-    flight = fly(scenario, np.arange(scenario.run.trials), family.rig)
+    flight = fly(scenario, np.arange(scenario.run.trials), family.rig, partial(progress, "ticks of the closed-loop flight"))
     exact, whole = family.exact(plant), family.whole(plant)
     states = model.predict(flight, len(flight.states))
     effects = present(flight, family.effects)

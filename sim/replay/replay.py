@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -64,7 +65,7 @@ class Replayed(NamedTuple):
         return {name: part[:, keep] for name, part in self.innovation.items()}
 
 
-def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
+def replay(log: FlightLog, scenario: Any, user_code: UserCode, progress: Callable[[int, int], None] = lambda *_: None) -> Replayed:
     """Run the filters of a loop over a block of its trials; those in which one breaks down are named in the recording.
 
     Random numbers of particle filters are those of the scenario's seed and the log's trials.
@@ -73,6 +74,7 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
       log: of the loop; where it has gaps, nothing was read, and the filters predict in steps of about a period.
       scenario: with those filters, as `setting.choose` gives it.
       user_code: the user's own filters.
+      progress: called with ticks done and ticks in all.
     """
     written = log
     log, own = without_gaps(written)
@@ -109,7 +111,7 @@ def replay(log: FlightLog, scenario: Any, user_code: UserCode) -> Replayed:
         errors=errors_of(scenario),
         intervals=log.intervals,
     )
-    recording = _of_the_log(run(system), written, own)
+    recording = _of_the_log(run(system, lambda k, _: progress(k + 1, ticks)), written, own)
     taken = {name: recording.channels.pop(f"{INNOVATION}{name}") for name in recording.observers}
     return Replayed(
         log.loop, recording, {name: _seen(part, written.reading, columns.layout) for name, part in taken.items()}, columns.layout
