@@ -7,6 +7,8 @@ import io
 import pytest
 from rich.console import Console
 
+from sim.campaign import cost
+from sim.scenario import files
 from sim.text import progress
 
 
@@ -55,3 +57,15 @@ def test_a_terminal_gets_a_bar_instead() -> None:
         work.report("campaign", 3, 7)
     assert "3/7" in said.getvalue()
     assert progress.PREFIX not in said.getvalue()
+
+
+def test_what_takes_long_is_said_before_it_begins() -> None:
+    """4 ticks of 10 000 s at 10 ms, 6 spacecraft: 24 million steps of a body in each loop, at least 1 us each; a cross-check flies 20 times."""
+    formation = files.load("formation/link-cut", {"run.tick_s": 1e4, "run.ticks": 4, "run.trials": 1, "phases": {}})
+    steps = 2 * 4 * 1e4 / 0.01 * 6  # two loops
+    (line,) = cost.check(formation, 1)
+    assert line == f"1 trial of 4 ticks take at least {cost.cost(formation, 1).seconds:.3g} s"
+    assert cost.cost(formation, 1).seconds == pytest.approx(1e-6 * steps, rel=1e-3)
+    testbed = files.load("nacs/fault-free", {"run.ticks": 12})
+    assert cost.check(testbed, 1000) == []
+    assert len(cost.check(testbed, 1000, flights=20)) == 1

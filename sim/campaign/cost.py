@@ -10,12 +10,12 @@ from sim.bad_input import BadInput
 from sim.campaign.blocks import TRIALS_PER_BLOCK
 from sim.text.table_style import counted
 
-# Rough lower bounds, well below what any processor took: of a trial, its control tick in a loop, its physics step, and a particle's step
+# Rough lower bounds, well below what any processor took: of a tick of a trial in a loop, of a physics step of a body, of a particle's step
 TICK_S, STEP_S, PARTICLE_S = 1e-5, 1e-6, 1e-7
 RECORD_B, BELIEF_B = 700.0, 190.0  # of a trial's tick, and of an observer in it
 TRIAL_B = 5000.0  # metrics of a trial, kept until all are written
 LONGEST_S = 30 * 86400.0
-WORTH_A_WORD_S = 120.0
+WORTH_A_WORD_S = 10.0
 
 
 class Cost(NamedTuple):
@@ -43,7 +43,7 @@ def cost(scenario: Any, trials: int, workers: int = 1, kept: bool = True) -> Cos
     agents = kind_of(scenario.plant).layout(scenario.plant).agents
     steps = run.tick_s / min([scenario.plant.step_s, *(getattr(one, "tick_s", run.tick_s) for one in observers)])
     particles = sum(getattr(one, "particles", 0) for one in observers) * (agents or 1)
-    seconds = trials * ticks * (loops * (TICK_S + STEP_S * steps) + PARTICLE_S * particles) / min(workers, max(1, trials))
+    seconds = trials * ticks * (loops * (TICK_S + STEP_S * steps * (agents or 1)) + PARTICLE_S * particles) / min(workers, max(1, trials))
     together = min(trials, TRIALS_PER_BLOCK)
     beliefs = RECORD_B + BELIEF_B * len(observers) if agents is None else 8.0 * agents
     windows = sum(8.0 * getattr(one, "window", 0) + 100.0 * getattr(one, "particles", 0) * (agents or 1) for one in observers)
@@ -51,9 +51,13 @@ def cost(scenario: Any, trials: int, workers: int = 1, kept: bool = True) -> Cos
     return Cost(seconds, held)
 
 
-def check(scenario: Any, trials: int, workers: int = 1, kept: bool = True) -> list[str]:
-    """A line if it takes long; raises BadInput if it takes more than a month, or more memory than there is."""
-    least = cost(scenario, trials, workers, kept)
+def check(scenario: Any, trials: int, workers: int = 1, kept: bool = True, flights: int = 1) -> list[str]:
+    """A line if it takes long; raises BadInput if it takes more than a month, or more memory than there is.
+
+    The arguments are those of `cost`, and how many times each trial is flown.
+    """
+    once = cost(scenario, trials, workers, kept)
+    least = once._replace(seconds=flights * once.seconds)
     what = f"{counted(trials, 'trial')} of {scenario.run.ticks} ticks"
     if least.seconds > LONGEST_S:
         raise BadInput(f"{what} would take at least {least}; fewer trials, ticks or physics steps a tick can be paid")

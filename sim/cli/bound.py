@@ -30,7 +30,8 @@ def bound(
 ) -> None:
     """Fly a scenario and hold its filters' errors against the posterior Cramer-Rao bound along the way that was flown."""
     whole = load(name, trials, seed, overrides)
-    cost.check(whole, trials)
+    for line in cost.check(whole, trials):
+        err.print(f"warning: {line}", style="yellow")
     if loop is not None and loop not in whole.loop_names:
         raise BadInput(f"--loop {loop}: no such loop; there are {', '.join(whole.loop_names)}")
     chosen = loop or whole.loop_names[0]

@@ -29,6 +29,7 @@ from sim.tables.crosscheck_agents import divergence
 from sim.text.progress import Work
 
 CHECK_FAILED = 1
+FLIGHTS = 20  # of every trial: effects switched on and off alone, and what is printed
 FILES = RECORDING, PICTURE, SUMMARY = "crosscheck.rrd", "crosscheck.png", "summary.json"
 
 
@@ -55,7 +56,9 @@ def crosscheck(
 ) -> None:
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     whole = load(name, trials, seed, overrides)
-    cost.check(whole, trials)
+    flights = 1 if whole.family in agents.FAMILIES else FLIGHTS
+    for line in cost.check(whole, trials, flights=flights):
+        err.print(f"warning: {line}", style="yellow")
     if whole.family in agents.FAMILIES:
         if model or limits:
             raise BadInput(f"--{'model' if model else 'threshold'}: is for one body; of several agents all models are shown")

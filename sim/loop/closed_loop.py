@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -16,7 +16,22 @@ from sim.faults.timeline import Occurrence
 from sim.loop.lost_trials import Flags, LostTrials
 from sim.loop.recorder import MULTIPLICATIVE, Recorder
 from sim.loop.recording import RecordedRunFailed, Recording
-from sim.parts import ActuatorOutput, Array, Effectors, Estimator, Feedback, Kept, Law, Loss, Network, Plant, Sensors, Silence, Snapshot
+from sim.parts import (
+    ActuatorOutput,
+    Array,
+    Decision,
+    Effectors,
+    Estimator,
+    Feedback,
+    Kept,
+    Law,
+    Loss,
+    Network,
+    Plant,
+    Sensors,
+    Silence,
+    Snapshot,
+)
 from sim.plant.batch import SimulationFailed
 
 
@@ -68,24 +83,56 @@ class System:
         return tick * self.dt if self.intervals is None else float(np.sum(self.intervals[1 : tick + 1]))
 
 
-def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None) -> Recording:
-    """Run the loop and return what it recorded; trials in which a filter or the physics broke down are named in there.
+class Flight:
+    """A run of the loop, tick by tick: whoever iterates lets it run, whoever calls `send` decides instead of the law.
 
     Args:
       system: all parts.
       on_tick: called after every recorded tick, with its place among them.
       recorded: numbers of the trials that are recorded as a whole, if the system keeps figures of all; None: all.
     """
-    keep = None if recorded is None or system.figures is None else np.flatnonzero(np.isin(system.trials, recorded))
-    ticks = -(-system.ticks // system.every)
-    recorder = Recorder(system.dt * system.every, ticks, system.trials, system.estimators, keep, system.errors)
-    lost = LostTrials(system.trials)
-    try:
-        _run(system, recorder, lost, on_tick)
-    except (LostDefiniteness, np.linalg.LinAlgError) as failure:  # in a first belief or a control law: nobody can say in which trial
-        lost.add_all(recorder.done, system.time(recorder.done * system.every), str(failure))
-        recorder.give_up()
-    return replace(recorder.finish(system.references, system.occurrences), lost=lost.all)
+
+    def __init__(
+        self, system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None
+    ) -> None:
+        keep = None if recorded is None or system.figures is None else np.flatnonzero(np.isin(system.trials, recorded))
+        ticks = -(-system.ticks // system.every)
+        self.system, self.lost = system, LostTrials(system.trials)
+        self.recorder = Recorder(system.dt * system.every, ticks, system.trials, system.estimators, keep, system.errors)
+        self._ticks = _run(system, self.recorder, self.lost, on_tick)
+
+    def __iter__(self) -> Flight:
+        return self
+
+    def __next__(self) -> Sensed:
+        """Act as the law decides, and sense the next tick; the first call senses the first tick."""
+        return self.send(None)
+
+    def send(self, effort: Array | None) -> Sensed:
+        """Act by `effort`, (trials, [agents,] axes) N m or N, in place of the law's, and sense the next tick.
+
+        Raises:
+          StopIteration: the last tick is over, or no trial is left.
+        """
+        try:
+            return self._ticks.send(effort)
+        except (LostDefiniteness, np.linalg.LinAlgError) as failure:  # in a first belief or a control law: nobody can say in which trial
+            done = self.recorder.done
+            self.lost.add_all(done, self.system.time(done * self.system.every), str(failure))
+            self.recorder.give_up()
+            raise StopIteration from None
+
+    def recording(self) -> Recording:
+        """What was recorded until now; trials in which a filter or the physics broke down are named in there."""
+        return replace(self.recorder.finish(self.system.references, self.system.occurrences), lost=self.lost.all)
+
+
+def run(system: System, on_tick: Callable[[int, Recorder], None] | None = None, recorded: NDArray[np.int64] | None = None) -> Recording:
+    """Run the loop to its end and return what it recorded; the arguments are those of `Flight`."""
+    flight = Flight(system, on_tick, recorded)
+    for _ in flight:
+        pass
+    return flight.recording()
 
 
 def run_whole(system: System, on_tick: Callable[[int, Recorder], None] | None = None) -> Recording:
@@ -97,8 +144,32 @@ def run_whole(system: System, on_tick: Callable[[int, Recorder], None] | None = 
     return recording
 
 
-def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[int, Recorder], None] | None) -> None:
-    """The loop itself."""
+class Sensed(NamedTuple):
+    """What is known at a tick before anything acts.
+
+    Attributes:
+      tick: its number.
+      truth: what is so.
+      reading: NaN where nothing is read, (trials, [agents,] m).
+      beliefs: of the estimators.
+      estimate: what the law acts on.
+      messages: what agents hear.
+      decision: the law's.
+    """
+
+    tick: int
+    truth: Any
+    reading: Array
+    beliefs: tuple[Any, ...]
+    estimate: Any
+    messages: Any
+    decision: Decision
+
+
+def _run(
+    s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[int, Recorder], None] | None
+) -> Generator[Sensed, Array | None, None]:
+    """The loop itself; at every tick it is told what is to act on the bodies in place of the law's decision, or None."""
     steps = round(s.dt / s.plant.step_s)
     rest = given = s.effectors.rest()
     held, lost = s.sensors.rest(), np.zeros(len(s.trials), dtype=bool)
@@ -121,6 +192,8 @@ def _run(s: System, recorder: Recorder, broken: LostTrials, on_tick: Callable[[i
         memory = s.law.start(estimate) if k == 0 else memory
         messages = s.network.carry(k, s.law.says(k, estimate, memory))
         decision = s.law.decide(k, estimate, messages, memory)
+        told = yield Sensed(k, truth, reading, beliefs, estimate, messages, decision)
+        decision = decision if told is None else decision._replace(effort=told)
         given = s.effectors.give(k, decision, estimate, held, given, lost)
         if k % s.every == 0:
             now = Snapshot(truth, reading, beliefs, estimate, messages, memory, decision, given, lost, broken.failed)
