@@ -16,7 +16,7 @@ from benchmarks.measure import one_core
 from benchmarks.show import figure, table
 from sim.campaign import shard as campaign_shard
 from sim.campaign.store import Store
-from sim.cli import campaign as command_campaign
+from sim.cli.commands import campaign as command_campaign
 
 NAME = "nacs-wheel-failure"
 SIZES = (50, 200)  # trials, in shards of 50

@@ -16,7 +16,7 @@ from sim.loop.build import build
 from sim.loop.closed_loop import run
 from sim.metrics.one_body import evaluate
 from sim.metrics.results import write_summary, write_trials
-from sim.report.page import write_report
+from sim.report.register import write_report
 from sim.rerun.sink import write_recording
 from sim.scenario.files import load
 from sim.scenario.one_body import Scenario
@@ -37,7 +37,7 @@ def writers(scenario: Scenario, trials: int, folder: Path) -> dict[str, Callable
     return {
         "(metrics)": partial(evaluate, recording, assembly),
         rrd.name: partial(write_recording, rrd, NAME, recording, assembly, feedback, settings),
-        png.name: partial(write_report, png, NAME, scenario.title, recording, feedback),
+        png.name: partial(write_report, png, NAME, scenario, {"loop": recording}),
         parquet.name: partial(write_trials, parquet, NAME, seed, recording.trials, metrics),
         summary.name: partial(write_summary, summary, NAME, seed, trials, 1.0, 1.0, metrics),
     }

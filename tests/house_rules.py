@@ -83,7 +83,7 @@ def nothing_depends_on_tests(house: House) -> list[str]:
 
 def mujoco_stays_in_its_rooms(house: House) -> list[str]:
     """MuJoCo is imported where models are compiled, stepped and looked at."""
-    rooms, viewer = {"models.plants", "sim.plant"}, "sim/cli/viewer.py"
+    rooms, viewer = {"models.plants", "sim.plant"}, "sim/cli/commands/viewer.py"
     return [m.place for m in house.modules if "mujoco" in m.roots and m.room not in rooms and m.place != viewer]
 
 

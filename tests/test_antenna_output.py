@@ -23,7 +23,7 @@ from sim.loop.recording import Recording
 from sim.metric import Metric
 from sim.metrics.fixed_gain_loop import FixedGainLoop
 from sim.metrics.results import rows
-from sim.report.antenna import write_report
+from sim.report.register import write_report
 from sim.rerun.loops.antenna import outlook
 from sim.rerun.loops.recording import write_loops
 from sim.rerun.loops.scene import stage

@@ -146,7 +146,7 @@ def test_a_good_house_breaks_no_rule(tmp_path):
         sim__plant__batch="import mujoco\nfrom models.plants.nacs import compile_nacs",
         sim__loop__closed_loop=f"from sim.plant.batch import Plant\n{GOOD_LOOP}",
         sim__rerun__sink="import rerun\nimport sim.loop.closed_loop",
-        sim__cli__viewer="import mujoco\nfrom sim.rerun import sink\nfor i in range(3):\n    pass",
+        sim__cli__commands__viewer="import mujoco\nfrom sim.rerun import sink\nfor i in range(3):\n    pass",
         nacs__face="from sim.loop.closed_loop import run",
     )
     assert {name: broken for name, rule in RULE.items() if (broken := rule(house))} == {}

@@ -84,13 +84,13 @@ def test_an_interrupted_campaign_goes_on_with_what_is_missing_alone(nacs, file: 
         flown.append(job.start)
         return original(job)
 
-    monkeypatch.setattr("sim.cli.campaign.fly", stops)
+    monkeypatch.setattr("sim.cli.commands.campaign.fly", stops)
     interrupted = nacs("campaign", file, "--out", "part", "--workers", 1)
     assert interrupted.code == 130
     assert "1 of 7 trials are left" in interrupted.err
     assert flown == [0, 3]
     again: list[int] = []
-    monkeypatch.setattr("sim.cli.campaign.fly", lambda job: again.append(job.start) or original(job))
+    monkeypatch.setattr("sim.cli.commands.campaign.fly", lambda job: again.append(job.start) or original(job))
     assert nacs("campaign", file, "--out", "part", "--workers", 1, "--resume").code == 0
     assert again == [6]
     assert rows(tmp_path / "part").equals(rows(tmp_path / "whole"))
@@ -305,7 +305,7 @@ def test_a_disk_that_is_full_later_keeps_what_is_finished_and_says_how_to_go_on(
     assert kept == [".bands", ".bands", ".consistency", ".parquet", ".seal"]
     limit = 1000
     again: list[int] = []
-    monkeypatch.setattr("sim.cli.campaign.fly", lambda job: again.append(job.start) or fly(job))
+    monkeypatch.setattr("sim.cli.commands.campaign.fly", lambda job: again.append(job.start) or fly(job))
     blocked = tmp_path / "it" / "report.png"
     blocked.mkdir()
     result = nacs("campaign", file, "--out", "it", "--workers", 1, "--resume")

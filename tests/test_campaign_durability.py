@@ -267,7 +267,7 @@ def test_a_failure_that_nobody_expected_says_how_a_campaign_goes_on(nacs, tmp_pa
 
     file = write(tmp_path / "in")
     monkeypatch.delenv("NACS_TRACEBACK")
-    monkeypatch.setattr("sim.cli.campaign._fly", refuses)
+    monkeypatch.setattr("sim.cli.commands.campaign._fly", refuses)
     result = nacs("campaign", file, "--out", "it")
     assert (result.code, result.err) == (
         3, f"error: numeric failure: Singular matrix; go on with: nacs campaign {file} --resume --out it\n",

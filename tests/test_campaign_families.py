@@ -16,7 +16,7 @@ from sim.campaign.draws import picked
 from sim.campaign.file import CAMPAIGNS
 from sim.campaign.file import load as load_campaign
 from sim.campaign.shard import fly
-from sim.cli.campaign import _jobs
+from sim.cli.commands.campaign import _jobs
 from sim.loop.lost_trials import LostTrial
 from sim.metrics.trial_block import TrialBlock
 from sim.report.campaign.sweep import abscissa

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from models.attitude.quaternion import attitude_matrix
 from models.plants.nacs import compile_nacs
-from sim.cli import crosscheck as command_crosscheck
+from sim.cli.commands import crosscheck as command_crosscheck
 from sim.crosscheck import attribution, model_variants
 from sim.crosscheck.attribution import Attribution, present, size_deg
 from sim.crosscheck.bench import Check

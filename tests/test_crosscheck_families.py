@@ -13,7 +13,7 @@ import pytest
 from models.attitude.quaternion import IDENTITY, to_rotation_vector
 from models.plants.panelled_body import PanelledBody
 from sim.bad_input import BadInput
-from sim.cli import crosscheck as command_crosscheck
+from sim.cli.commands import crosscheck as command_crosscheck
 from sim.crosscheck.attribution import HELD, MODEL_STEP
 from sim.crosscheck.divergence import divergence, momentum_N, thresholds
 from sim.crosscheck.kinds import conic as crosscheck_conic

@@ -198,7 +198,7 @@ WRONG_FILTERS = {
 def test_a_wrong_filter_is_one_line_before_anything_runs(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     text, wanted = WRONG_FILTERS[what]
     (tmp_path / "mine.py").write_text(text)
-    monkeypatch.setattr("sim.cli.run.simulate_all", None)  # a run would fail on this
+    monkeypatch.setattr("sim.cli.commands.run.simulate_all", None)  # a run would fail on this
     gaps = {"gap": ("--set", "sensors.dropout_probability=0.1"), "period": ("--set", "sensors.wheel_period_s=0.2")}.get(what, ())
     result = nacs("run", *QUICK, *gaps, "--observer", "mine.py:Mine")
     assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
@@ -228,7 +228,7 @@ WRONG_LAWS = {
 def test_a_wrong_law_is_one_line_before_anything_runs(nacs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
     text, wanted = WRONG_LAWS[what]
     (tmp_path / "mine.py").write_text(text)
-    monkeypatch.setattr("sim.cli.run.simulate_all", None)
+    monkeypatch.setattr("sim.cli.commands.run.simulate_all", None)
     result = nacs("run", *QUICK, "--controller", "mine.py:Mine")
     assert (result.code, result.err.count("\n"), result.out) == (2, 1, ""), result.err
     for part in wanted:

@@ -22,7 +22,7 @@ from sim.loop.recording import Recording
 from sim.metrics.one_body import evaluate
 from sim.plant.batch import diagnose
 from sim.plant.kinds import compile_plant
-from sim.report.loops import write_report
+from sim.report.register import write_report
 from sim.rerun.loops import scene as rerun_loops_scene
 from sim.rerun.loops.recording import write_loops
 from sim.rerun.loops.scene import stage

@@ -52,8 +52,8 @@ def windows(monkeypatch):
     passive.launch_passive = launch
     monkeypatch.setitem(sys.modules, "mujoco.viewer", passive)
     monkeypatch.setattr(mujoco, "viewer", passive, raising=False)
-    monkeypatch.delitem(sys.modules, "sim.cli.viewer", raising=False)
-    from sim.cli import viewer  # noqa: PLC0415  # with that window
+    monkeypatch.delitem(sys.modules, "sim.cli.commands.viewer", raising=False)
+    from sim.cli.commands import viewer  # noqa: PLC0415  # with that window
 
     monkeypatch.setattr(viewer, "time", SimpleNamespace(perf_counter=lambda: 0.0, sleep=lambda _: None))
     monkeypatch.setenv("DISPLAY", ":0")

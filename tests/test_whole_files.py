@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from test_lost_trials import AT, VICTIM, break_a_filter
 
-import sim.cli.run
+import sim.cli.commands.run
 import sim.replay.replay
 from sim.signals import Signals
 from sim.whole_file import NotWritten, remove_abandoned, whole_file, write_whole
@@ -294,14 +294,14 @@ def test_a_signal_after_the_command_is_done_changes_nothing(tmp_path: Path) -> N
 def test_trials_that_are_finished_are_written_before_a_signal_is_heeded(
     nacs, signals: Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sim.cli.run.SIGNALS", signals)
-    joined = sim.cli.run.join
+    monkeypatch.setattr("sim.cli.commands.run.SIGNALS", signals)
+    joined = sim.cli.commands.run.join
 
     def asked(blocks: Any) -> Any:
         os.kill(os.getpid(), signal.SIGTERM)
         return joined(blocks)
 
-    monkeypatch.setattr("sim.cli.run.join", asked)
+    monkeypatch.setattr("sim.cli.commands.run.join", asked)
     result = nacs(*RUN)
     assert (result.code, result.err.count("\n")) == (130, 1), result.err
     assert "what was written until then is whole, in it; the same command with --overwrite writes all" in result.err
@@ -313,7 +313,7 @@ def test_an_interruption_where_nothing_is_to_be_kept_is_one_line(nacs, monkeypat
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sim.cli.run.load", interrupted)
+    monkeypatch.setattr("sim.cli.commands.run.load", interrupted)
     result = nacs(*RUN)
     assert (result.code, result.err) == (130, "interrupted: nothing was begun; the same command begins anew\n")
 

@@ -4,32 +4,28 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 import warnings
 from importlib.metadata import version
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from estimation.gaussian import LostDefiniteness
 from sim.bad_input import BadInput
-from sim.cli.bound import bound
-from sim.cli.campaign import campaign
-from sim.cli.crosscheck import crosscheck
-from sim.cli.falsify import falsify
-from sim.cli.list import list_scenarios
-from sim.cli.replay import replay
-from sim.cli.run import run
-from sim.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Name, Overrides, err, load, out
-from sim.cli.view import view
-from sim.plant.batch import SimulationFailed
+from sim.cli.commands.bound import bound
+from sim.cli.commands.campaign import campaign
+from sim.cli.commands.crosscheck import crosscheck
+from sim.cli.commands.falsify import falsify
+from sim.cli.commands.list import list_scenarios
+from sim.cli.commands.replay import replay
+from sim.cli.commands.run import run
+from sim.cli.commands.view import view
+from sim.cli.in_words import SHOW_TRACEBACK, in_words
+from sim.cli.terminal import BAD_INPUT, INTERRUPTED, Name, Overrides, err, load, out
 from sim.signals import AS_BEFORE
 from sim.text.one_line import one_line
 
-SHOW_TRACEBACK = "NACS_TRACEBACK"  # environment variable: let an error through, for whoever looks for its cause
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of the library that Typer parses arguments with, whichever that is
 
 app = typer.Typer(
@@ -117,27 +113,6 @@ def _run() -> int:
             err.print(f"error: {one_line(said)}", style="red")
         return BAD_INPUT
     return 0
-
-
-def in_words(wrong: Exception) -> tuple[int, str]:
-    """Exit code, and what to say of something that went wrong where nobody expected it."""
-    if isinstance(wrong, OSError):
-        place = f"{wrong.filename}: " if wrong.filename is not None else ""
-        return FAILED, f"{place}{wrong.strerror or wrong}"
-    if isinstance(wrong, MemoryError):
-        return FAILED, "out of memory; fewer trials, ticks, recorded trials or workers need less"
-    if isinstance(wrong, OverflowError):  # NumPy's numbers become infinite, those of the settings refuse to
-        return BAD_INPUT, "a number of the input, or its square, is beyond what can be computed with"
-    if isinstance(wrong, np.linalg.LinAlgError):
-        return FAILED, f"numeric failure: {wrong}"
-    if isinstance(wrong, RecursionError):
-        return BAD_INPUT, "something that was read is nested too deeply"
-    if isinstance(wrong, SimulationFailed | LostDefiniteness):
-        return FAILED, str(wrong)
-    frame = traceback.extract_tb(wrong.__traceback__)[-1]
-    place = f"{os.path.basename(os.path.dirname(frame.filename))}/{os.path.basename(frame.filename)}:{frame.lineno}"
-    what = f"{type(wrong).__name__}{f': {wrong}' if str(wrong) else ''}"
-    return FAILED, f"{what} ({place}); this is a defect of the twin, {SHOW_TRACEBACK}=1 shows where it comes from"
 
 
 def _quieten() -> None:

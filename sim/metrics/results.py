@@ -73,7 +73,12 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def write_trials(path: Path, scenario: str, seed: int, trials: NDArray[np.int64], metrics: list[Metric]) -> None:
-    """Write `trials.parquet`: one row a trial and metric."""
+    """Write `trials.parquet`."""
+    pq.write_table(trials_table(scenario, seed, trials, metrics), path)
+
+
+def trials_table(scenario: str, seed: int, trials: NDArray[np.int64], metrics: list[Metric]) -> pa.Table:
+    """Metrics of every trial, one row a trial and metric."""
     repeat = len(trials)
 
     def column(values: list[str]) -> pa.Array:
@@ -82,7 +87,7 @@ def write_trials(path: Path, scenario: str, seed: int, trials: NDArray[np.int64]
         ).dictionary_decode()
 
     total = repeat * len(metrics)
-    table = pa.table(
+    return pa.table(
         {
             "scenario": column([scenario] * len(metrics)),
             "trial": pa.array(np.tile(trials, len(metrics)), pa.int64()),
@@ -94,4 +99,3 @@ def write_trials(path: Path, scenario: str, seed: int, trials: NDArray[np.int64]
             "value": pa.array(np.concatenate([m.values for m in metrics]) if metrics else np.zeros(0), pa.float64()),
         }
     )
-    pq.write_table(table, path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -23,7 +22,6 @@ from sim.series.antenna_panels import LIGHT, plain_log, plane, response
 from sim.series.loops import torque_unit
 from sim.series.palette import WHEEL_COLORS
 from sim.series.picture_style import STYLE
-from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 Several = tuple[AntennaFlight, ...]
@@ -31,11 +29,10 @@ Several = tuple[AntennaFlight, ...]
 DASHES: tuple[Any, ...] = ("-", (0.0, (3.0, 1.5)))  # azimuth, elevation
 
 
-def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str, Recording]) -> None:
+def draw_report(name: str, scenario: Scenario, recordings: dict[str, Recording]) -> Figure:
     """Draw the first recorded trial: a column each for azimuth and elevation, and one for what they share.
 
     Args:
-      path: PNG to write.
       name: of the scenario.
       scenario: all of whose loops are under unfalsified control.
       recordings: of one trial or more, by loop; of a failed run, those loops that there are.
@@ -64,7 +61,7 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         _legend(figure, several)
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         figure.text(0.01, 0.9725, _said(name, several), fontsize=8, color=QUIET)
-        write_png(figure, path)
+        return figure
 
 
 def _place(axes: Axes) -> tuple[int, int, int]:

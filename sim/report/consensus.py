@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import cycle
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -19,7 +18,6 @@ from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.scenario.consensus import ConsensusScenario
 from sim.series.consensus import SMOOTHING_S, chosen, line_styles, moving_mean, occurrences
 from sim.series.picture_style import STYLE
-from sim.series.raster import write_png
 
 Array = NDArray[np.floating]
 
@@ -31,11 +29,10 @@ OUT_OF_SIGHT = 30.0  # m: what has diverged leaves the picture
 ONE = 0  # agent whose dynamics are drawn
 
 
-def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict[str, Recording]) -> None:
+def draw_report(name: str, scenario: ConsensusScenario, flown: dict[str, Recording]) -> Figure:
     """Draw the first recorded trial: errors, the paths, what is learned, and what it costs.
 
     Args:
-      path: PNG to write.
       name: of the scenario.
       scenario: with all its loops.
       flown: of one trial or more, by loop.
@@ -67,7 +64,7 @@ def write_report(path: Path, name: str, scenario: ConsensusScenario, flown: dict
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         said = [f"{name}, trial {first.trials[0]}", *(f"{one.text} from {first.dt * one.start_tick:g} s" for one in occurrences(flown))]
         figure.text(0.01, 0.952, " | ".join(said), fontsize=8, color=QUIET)
-        write_png(figure, path)
+        return figure
 
 
 def _errors(axes: Axes, flown: dict[str, Recording], lines: Lines, title: str, values: dict[str, Array], unit: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -20,7 +19,6 @@ from sim.scenario.formation import FormationScenario
 from sim.series.formation import FormationFlight, flights
 from sim.series.palette import LOOP_VARIANTS
 from sim.series.picture_style import STYLE
-from sim.series.raster import write_png
 from sim.units import RPM
 
 Array = NDArray[np.floating]
@@ -31,11 +29,10 @@ SMOOTH_S = 1.0
 MOST_ROWS = 4000  # of a line; the picture has no more points
 
 
-def write_formation_report(path: Path, name: str, scenario: FormationScenario, recordings: dict[str, Recording]) -> None:
+def draw_report(name: str, scenario: FormationScenario, recordings: dict[str, Recording]) -> Figure:
     """Draw the first recorded trial of every loop: errors of the formation, of the estimates and of what is known of the leader.
 
     Args:
-      path: PNG to write.
       name: of the scenario.
       scenario: with all its loops.
       recordings: by loop, of one recorded trial or more.
@@ -68,7 +65,7 @@ def write_formation_report(path: Path, name: str, scenario: FormationScenario, r
         happened = dict.fromkeys((o.start_tick, o.text) for o in loops[0].occurrences)
         said = [f"{name}, trial {loops[0].recorded[0]}"] + [f"{loops[0].dt * start:g} s: {text}" for start, text in happened]
         figure.text(0.01, 0.958, _fitted(said), fontsize=7.5, color=QUIET)
-        write_png(figure, path)
+        return figure
 
 
 def _fitted(said: list[str], most: int = 230) -> str:

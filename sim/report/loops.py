@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,21 +20,19 @@ from sim.series.learned import learners
 from sim.series.loops import Flight, edges, flights, moving_rms, torque_unit, window
 from sim.series.palette import WHEEL_COLORS
 from sim.series.picture_style import STYLE
-from sim.series.raster import write_png
 from sim.text.table_style import counted
 from sim.units import RPM
 
 MOST_IN_A_ROW = 6  # entries of the legend
 
 
-def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str, Recording]) -> None:
+def draw_report(name: str, scenario: Scenario, recordings: dict[str, Recording]) -> Figure:
     """Draw the first recorded trial of every loop: tracking, what is believed of the wheels, gains, torque, wheels, estimates.
 
     The running RMS of the tracking errors starts anew where a fault begins or ends: so it ends, in each phase, at the number that
     papers print and docs/metrics.md defines, and the first transient does not hide the fault. Diamonds are those printed numbers.
 
     Args:
-      path: PNG to write.
       name: of the scenario.
       scenario: with all its loops.
       recordings: of one trial or more, by loop; of a failed run, those loops that there are.
@@ -75,7 +71,7 @@ def write_report(path: Path, name: str, scenario: Scenario, recordings: dict[str
         said += ["; ".join(f"{text} at {recording.dt * start:.1f} s" for start, text in happened)] if happened else []
         said += [f"diamonds: as printed, {scenario.published.source}"] if scenario.published and restarts else []
         figure.text(0.01, 0.964, " | ".join(said), fontsize=8, color=QUIET)
-        write_png(figure, path)
+        return figure
 
 
 def _legend(figure: Figure, several: Several) -> None:

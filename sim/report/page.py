@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,17 +15,15 @@ from models.dynamics.state_layout import ATTITUDE, RATE, WHEELS
 from sim.loop.recording import Recording
 from sim.series.palette import WHEEL_COLORS, on_light
 from sim.series.picture_style import SMOOTHING_S, STYLE
-from sim.series.raster import write_png
 from sim.units import RPM
 
 Array = NDArray[np.floating]
 
 
-def write_report(path: Path, name: str, title: str, recording: Recording, feedback: str) -> None:
+def draw_report(name: str, title: str, recording: Recording, feedback: str) -> Figure:
     """Draw the first recorded trial: errors of the filters, detection statistics with their thresholds, rates and wheels.
 
     Args:
-      path: PNG to write.
       name: of the scenario.
       title: of the scenario.
       recording: of one trial or more.
@@ -55,7 +51,7 @@ def write_report(path: Path, name: str, title: str, recording: Recording, feedba
             0.01, 0.957, f"{name}, trial {recording.trials[0]}, loop closed on {feedback}" + (f" | {faults}" if faults else ""),
             fontsize=8, color="#5a6270",
         )  # fmt: skip
-        write_png(figure, path)
+        return figure
 
 
 def _shade_faults(axes: Axes, recording: Recording) -> None:

@@ -1,4 +1,4 @@
-"""`report.png` of a run, by kind of scenario."""
+"""The report of a run, by kind of scenario."""
 
 from __future__ import annotations
 
@@ -6,39 +6,48 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
 from sim.loop.recording import Recording
 from sim.report import antenna, consensus, formation, loops, page
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import is_antenna
+from sim.series.picture_style import STYLE
+from sim.series.raster import write_png
 
 Recordings = dict[str, Recording]
 
 
-def write_report(path: Path, name: str, scenario: Any, recordings: Recordings, law: str | None = None) -> None:
+def draw_report(name: str, scenario: Any, recordings: Recordings, law: str | None = None) -> Figure:
     """Draw the first recorded trial of every loop.
 
     Args:
-      path: of the picture.
       name: of the scenario.
       scenario: that was flown.
       recordings: by loop.
       law: name of the user's own control law.
     """
-    REPORTS[scenario.family](path, name, scenario, recordings, law)
+    return REPORTS[scenario.family](name, scenario, recordings, law)
 
 
-def _body(path: Path, name: str, scenario: Scenario, recordings: Recordings, law: str | None) -> None:
+def write_report(path: Path, name: str, scenario: Any, recordings: Recordings, law: str | None = None) -> None:
+    """Write the same as a picture, a PNG file at `path`."""
+    with mpl.rc_context(STYLE):
+        write_png(draw_report(name, scenario, recordings, law), path)
+
+
+def _body(name: str, scenario: Scenario, recordings: Recordings, law: str | None) -> Figure:
     if is_antenna(scenario, recordings):
-        antenna.write_report(path, name, scenario, recordings)
-    elif "loop" in recordings:
+        return antenna.draw_report(name, scenario, recordings)
+    if "loop" in recordings:
         closed_by = scenario.law.feedback + (f" by {law}" if law else "")
-        page.write_report(path, name, scenario.title, recordings["loop"], closed_by)
-    else:
-        loops.write_report(path, name, scenario, recordings)
+        return page.draw_report(name, scenario.title, recordings["loop"], closed_by)
+    return loops.draw_report(name, scenario, recordings)
 
 
-REPORTS: dict[str, Callable[[Path, str, Any, Recordings, str | None], None]] = {
+REPORTS: dict[str, Callable[[str, Any, Recordings, str | None], Figure]] = {
     "body": _body,
-    "formation": lambda path, name, scenario, recordings, law: formation.write_formation_report(path, name, scenario, recordings),  # noqa: ARG005
-    "consensus": lambda path, name, scenario, recordings, law: consensus.write_report(path, name, scenario, recordings),  # noqa: ARG005
+    "formation": lambda name, scenario, recordings, law: formation.draw_report(name, scenario, recordings),  # noqa: ARG005
+    "consensus": lambda name, scenario, recordings, law: consensus.draw_report(name, scenario, recordings),  # noqa: ARG005
 }

@@ -1,10 +1,12 @@
-"""TOML that a user wrote, read; every complaint is one line."""
+"""TOML that a user wrote, read, with every complaint in one line; and values written as TOML."""
 
 from __future__ import annotations
 
 import tomllib
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from sim.bad_input import BadInput
 
@@ -39,3 +41,25 @@ def value(text: str) -> Any:
         raise BadInput(f"{text[:40]}: cannot be read: {broken}") from None
     except RecursionError:
         raise BadInput(f"{text[:40]}: is nested too deeply") from None
+
+
+def written(value: Any) -> str:
+    """A value as TOML says it, in one line; raises BadInput if TOML has no word for it."""
+    try:
+        return _item(value).as_string()  # type: ignore[no-any-return]
+    except (TypeError, ValueError):
+        raise BadInput(f"{value!r:.80}: cannot be written as TOML; give a number, a text, a list or a dictionary") from None
+
+
+def _item(value: Any) -> Any:
+    if isinstance(value, dict):
+        table = tomlkit.inline_table()
+        for key, part in value.items():
+            table.append(str(key), _item(part))
+        return table
+    if isinstance(value, list | tuple):
+        array = tomlkit.array()
+        for part in value:
+            array.append(_item(part))
+        return array
+    return tomlkit.item(value.item() if hasattr(value, "item") and callable(value.item) else value)

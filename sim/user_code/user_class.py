@@ -1,6 +1,6 @@
-"""A class in a Python file of the user's, and the blame for what goes wrong in it: one line that names file and line.
+"""A class of the user's, in a Python file or a notebook, and the blame for what goes wrong in it: one line that names file and line.
 
-Such a file is run as code, with all that code may do.
+A file that is named is run as code, with all that code may do.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ import ast
 import re
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,20 +20,39 @@ from sim.bad_input import BadInput
 
 
 class UserClass:
-    """A class that the user named as FILE.py:CLASS."""
+    """A class of the user's: named as FILE.py:CLASS, or handed in by Python."""
 
-    def __init__(self, text: str, option: str, methods: tuple[str, ...]) -> None:
-        """Run the file and find the class.
+    def __init__(self, given: Any, option: str, methods: tuple[str, ...]) -> None:
+        """Find the class.
 
         Args:
-          text: FILE.py:CLASS.
-          option: that it was named by.
+          given: FILE.py:CLASS, whose file is run as code; a class or a function, which is called with a `Setting`; or an object, of which
+            each batch of trials gets a copy.
+          option: what it was given for.
           methods: that it must have.
         """
+        self._lines = {"": 1}
+        if isinstance(given, str):
+            self._load(given, option)
+        else:
+            self._take(given, option)
+        for method in methods if self.type is not None else ():
+            found_method = getattr(self.type, method, None)
+            if not callable(found_method):
+                raise self.complaint("", f"has no method {method}")
+            code = getattr(found_method, "__code__", None)
+            if code and code.co_filename == self._path:
+                self._lines[method] = code.co_firstlineno
+        with self.blamed(""):
+            said = getattr(given if not isinstance(given, str) else self.type, "name", None)
+        parts = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"
+        self.name: str = said if isinstance(said, str) and said else re.sub(parts, "-", self.title).lower().replace("_", "-")
+
+    def _load(self, text: str, option: str) -> None:
+        """Run the file and take the class."""
         self.file, _, self.title = text.rpartition(":")
         if not self.file or not self.title.isidentifier():
             raise BadInput(f"{option} {text}: needs the form FILE.py:CLASS")
-        self._lines = {"": 1}
         try:
             self._path = str(Path(self.file).resolve())
             source = Path(self._path).read_text(encoding="utf-8-sig")
@@ -51,22 +71,25 @@ class UserClass:
         if not isinstance(self.type, type):
             raise BadInput(f"{option} {text}: no class {self.title} in {self.file}; there are {', '.join(found) or 'none'}")
         self._lines[""] = found[self.title].lineno if self.title in found else 1
-        for method in methods:
-            found_method = getattr(self.type, method, None)
-            if not callable(found_method):
-                raise self.complaint("", f"has no method {method}")
-            code = getattr(found_method, "__code__", None)
-            if code and code.co_filename == self._path:
-                self._lines[method] = code.co_firstlineno
-        with self.blamed(""):
-            given = getattr(self.type, "name", None)
-        parts = r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"
-        self.name: str = given if isinstance(given, str) and given else re.sub(parts, "-", self.title).lower()
+        self._make: Callable[..., Any] = self.type
+
+    def _take(self, given: Any, option: str) -> None:
+        """Take a class, a function that makes its instances, or an instance that is copied."""
+        makes = isinstance(given, type) or (callable(given) and not hasattr(given, "step"))
+        named = given if makes else type(given)
+        self.type = named if isinstance(named, type) else None  # what a function makes is not known before it is called
+        self.title = str(getattr(named, "__name__", type(given).__name__))
+        if not self.title.isidentifier():
+            raise BadInput(f"{option} {self.title}: give a class, an object, or a function with a name that makes one")
+        code = getattr(named, "__code__", None) or getattr(getattr(named, "step", None), "__code__", None)
+        self.file = self._path = code.co_filename if code else f"<{self.title}>"
+        self._lines[""] = code.co_firstlineno if code else 1
+        self._make = given if makes else lambda *_: deepcopy(given)
 
     def construct(self, *arguments: Any) -> Any:
         """An instance."""
         with self.blamed("__init__"):
-            return self.type(*arguments)
+            return self._make(*arguments)
 
     def complaint(self, method: str, what: str) -> BadInput:
         """One line that names file, line and method."""

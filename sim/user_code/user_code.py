@@ -19,15 +19,15 @@ FILTER, LAW = ("initial", "step"), ("step",)  # methods that a class must have
 
 @dataclass(frozen=True)
 class UserCode:
-    """What the user named, as FILE.py:CLASS; loaded anew in every process.
+    """What the user named as FILE.py:CLASS, loaded anew in every process, or handed in as a class or an object.
 
     Attributes:
       observers: filters that join the scenario's.
       controller: a control law in place of the scenario's.
     """
 
-    observers: tuple[str, ...] = ()
-    controller: str | None = None
+    observers: tuple[Any, ...] = ()
+    controller: Any = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -37,23 +37,23 @@ class UserCode:
     @cached_property
     def law(self) -> str | None:
         """Name of the control law; raises BadInput if its file cannot be loaded."""
-        return UserClass(self.controller, "--controller", LAW).name if self.controller else None
+        return None if self.controller is None else UserClass(self.controller, "--controller", LAW).name
 
     @property
     def described(self) -> dict[str, Any]:
         """What a run's files say of them; nothing if there are none."""
-        files = {**dict(zip(self.names, self.observers, strict=True)), **({self.law: self.controller} if self.law else {})}
-        return {"guests": files} if files else {}
+        given = {**dict(zip(self.names, self.observers, strict=True)), **({self.law: self.controller} if self.law else {})}
+        return {"guests": {name: _said(one) for name, one in given.items()}} if given else {}
 
     def check(self, place: Surroundings, reserved: Iterable[str]) -> None:
         """Rehearse on a small batch, with missing readings if there can be any; raises BadInput, also for names that are `reserved`."""
-        if not self.observers and not self.controller:
+        if not self.observers and self.controller is None:
             return
         taken = [*reserved]
         for text, name in zip(self.observers, self.names, strict=True):
             if name in taken or not is_a_name(name):
                 why = "taken or reserved" if name in taken else WHAT_A_NAME_IS
-                raise BadInput(f"--observer {text}: {name[:40]!r} cannot be its name ({why}); give the class another `name = '...'`")
+                raise BadInput(f"--observer {_said(text)}: {name[:40]!r} cannot be its name ({why}); give the class another `name = '...'`")
             taken.append(name)
         for user in self.filters(place):
             user.rehearse()
@@ -66,4 +66,12 @@ class UserCode:
 
     def control(self, place: Surroundings) -> UserLaw | None:
         """The user's control law, if there is one."""
-        return UserLaw.of(UserClass(self.controller, "--controller", LAW), place) if self.controller else None
+        return None if self.controller is None else UserLaw.of(UserClass(self.controller, "--controller", LAW), place)
+
+
+def _said(given: Any) -> str:
+    """How a file names what the user gave."""
+    if isinstance(given, str):
+        return given
+    named = given if hasattr(given, "__qualname__") else type(given)
+    return f"{named.__module__}.{named.__qualname__}"

@@ -30,7 +30,7 @@ def view(
         raise BadInput(f"--loop {loop}: {name} flies {', '.join(loops) if loaded.loops else 'one loop, which has no name'}")
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise BadInput("nacs view needs a display and found none; `nacs run` writes a recording that can be opened elsewhere")
-    from sim.cli import viewer  # opens windows when imported
+    from sim.cli.commands import viewer  # opens windows when imported
 
     if len(loops) > 1:
         others = ", ".join(other for other in loops if other != chosen)

@@ -1,0 +1,22 @@
+"""Digital twin of the NACS, an air-bearing CubeSat testbed with four reaction wheels, and of other spacecraft.
+
+>>> import nacs
+>>> flown = nacs.run("nacs/disturbance", trials=10, seed=7)
+>>> print(flown)                     # the tables that the command prints
+>>> flown.signals.truth_rate         # what happened: an array with axes trial, time, xyz
+>>> flown.metrics                    # how good it was: a row a trial and metric
+>>> flown.report()                   # a figure
+>>> flown.show()                     # the Rerun viewer
+
+Nothing is computed here: these are the commands' own parts. What goes wrong is a `NacsError` of one line.
+"""
+
+from __future__ import annotations
+
+from nacs.commands import Results, campaign, crosscheck, replay
+from nacs.errors import NacsError
+from nacs.run import Run, run
+from nacs.scenarios import load, scenarios
+from nacs.twin import Twin
+
+__all__ = ["NacsError", "Results", "Run", "Twin", "campaign", "crosscheck", "load", "replay", "run", "scenarios"]
