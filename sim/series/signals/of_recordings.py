@@ -37,7 +37,7 @@ def _of_a_channel(scenario: Any, recording: Recording, channel: str, agents: int
         array = recording.channels[channel]
         if entry.arranged is not None:
             array = entry.arranged(scenario, array)
-        yield from _parts(entry, array, scenario, channel, entry.prefix.format(observer=observer), agents)
+        yield from _parts(entry, array, scenario, channel, observer, agents)
     if not entries:
         yield _unknown(channel, recording.channels[channel], agents)
 
@@ -46,7 +46,7 @@ def _fits(entry: Entry, scenario: Any) -> bool:
     return entry.wheels is None or entry.wheels == bool(scenario.plant.wheel_axes.shape[1])
 
 
-def _parts(entry: Entry, array: AnyArray, scenario: Any, channel: str, prefix: str, agents: int | None) -> Iterator[Signal]:
+def _parts(entry: Entry, array: AnyArray, scenario: Any, channel: str, observer: str | None, agents: int | None) -> Iterator[Signal]:
     lead = () if entry.lead is None else (entry.lead,)
     if all(part.axis is None for part in entry.parts) and not lead and len(entry.parts) == 1:
         array = array[..., None]
@@ -55,21 +55,22 @@ def _parts(entry: Entry, array: AnyArray, scenario: Any, channel: str, prefix: s
         left = array.shape[-1] - start
         size = 1 if part.axis is None else len(part.axis.labels) or left
         if left >= size > 0:
-            yield _signal(entry, part, array[..., start : start + size], scenario, channel, prefix, agents)
+            yield _signal(entry, part, array[..., start : start + size], scenario, channel, observer, agents)
         start += size
     if start < array.shape[-1]:
         raise ValueError(f"channel {channel} has {array.shape[-1]} components; the register of signals knows {start}")
 
 
-def _signal(entry: Entry, part: Part, values: AnyArray, scenario: Any, channel: str, prefix: str, agents: int | None) -> Signal:
+def _signal(entry: Entry, part: Part, values: AnyArray, scenario: Any, channel: str, observer: str | None, agents: int | None) -> Signal:
     axes = () if entry.lead is None else (entry.lead,)
+    prefix = entry.prefix.format(observer=observer)
     if part.axis is None:
         values = values[..., 0]
     elif part.axis.labels:
         axes = (*axes, part.axis)
     else:
         labels = tuple(str(1 + i) for i in np.arange(values.shape[-1])) if entry.labels is None else entry.labels(scenario)
-        axes = (*axes, Axis(part.axis.name, labels))
+        axes = (*axes, Axis(part.axis.name.format(observer=observer), labels))
     stem = f"{prefix}/{part.stem}" if axes or part.stem else prefix
     name = f"{prefix}/{part.name}" if part.name else prefix
     meaning = ", ".join(text for text in (part.what, entry.meaning) if text)

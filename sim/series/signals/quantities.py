@@ -9,7 +9,8 @@ XYZ = Axis("axis", ("x", "y", "z"))
 PLANE = Axis("plane", ("x", "y"))
 QUATERNION = Axis("quaternion", ("q1", "q2", "q3", "q4"))
 RODRIGUES = Axis("rodrigues", ("1", "2", "3"))
-WHEEL, MODE, JOINT, SENDER = (Axis(name, COUNTED) for name in ("wheel", "mode", "joint", "sender"))
+WHEEL, JOINT, SENDER = (Axis(name, COUNTED) for name in ("wheel", "joint", "sender"))
+MODE = Axis("mode_{observer}", COUNTED)  # observers differ in their modes
 CHANNEL = Axis("channel", ("azimuth", "elevation"))  # of an antenna
 
 ATTITUDE = Part("attitude", "", QUATERNION, "1", "N to B", "attitude q_BN, scalar last")
