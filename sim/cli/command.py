@@ -19,6 +19,7 @@ from sim.bad_input import BadInput
 from sim.cli.bound import bound
 from sim.cli.campaign import campaign
 from sim.cli.crosscheck import crosscheck
+from sim.cli.export import export
 from sim.cli.falsify import falsify
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
@@ -54,6 +55,7 @@ def options(
 
 
 app.command("run")(run)
+app.command("export")(export)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)

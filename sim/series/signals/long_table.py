@@ -23,15 +23,21 @@ ROWS = 1 << 16  # of a row group, at most
 
 def write(path: Path, signals: Signals, name: str) -> None:
     """Write all signals of a run, which is of the scenario `name`; one trial after another, so that no more than one is in memory twice."""
-    schema = _schema(signals, name)
-    strings = [LOOP]
-    with pq.ParquetWriter(path, schema, compression="zstd", use_dictionary=strings, write_statistics=[LOOP, TRIAL, TIME_S]) as file:
-        for loop in signals.loops.values():
-            for batch in _batches(loop, schema):
-                file.write_table(batch, row_group_size=ROWS)
+    schema = table_schema(signals, name)
+    options: dict[str, Any] = {"compression": "zstd", "use_dictionary": [LOOP], "write_statistics": [LOOP, TRIAL, TIME_S]}
+    with pq.ParquetWriter(path, schema, **options) as file:
+        for table in tables(signals, schema):
+            file.write_table(table, row_group_size=ROWS)
 
 
-def _schema(signals: Signals, name: str) -> pa.Schema:
+def tables(signals: Signals, schema: pa.Schema) -> Iterator[pa.Table]:
+    """The long table in pieces of a few trials each."""
+    for loop in signals.loops.values():
+        yield from _batches(loop, schema)
+
+
+def table_schema(signals: Signals, name: str) -> pa.Schema:
+    """Columns of the long table, with unit, frame and meaning of each."""
     agents = any(loop.agents is not None for loop in signals.loops.values())
     keys = [
         pa.field(LOOP, pa.string(), metadata={"meaning": "closed loop"}),
