@@ -88,17 +88,17 @@ class Run:
     @property
     def signals(self) -> xarray.Dataset:
         """What was recorded of the first loop, with axes trial, [agent,] time and components; needs the extra `data`."""
-        return self.signals_of(self.loops[0])
+        return self.signals_of(self.loops[LOOP])
 
     def signals_of(self, loop: str) -> xarray.Dataset:
         """What was recorded of a loop; raises NacsError if there is no such loop."""
-        from sim.series.signals.dataset import dataset  # noqa: PLC0415  # what only some use is imported when they do
-        from sim.series.signals.of_recordings import signals_of  # noqa: PLC0415
+        from sim.series.signals.dataset import dataset
+        from sim.series.signals.of_recordings import signals_of
 
         with in_one_line():
             if loop not in self.recordings:
                 raise NacsError(f"loop {loop!r}: no such loop; there are {', '.join(self.recordings)}")
-            found: xarray.Dataset = dataset(signals_of(self.scenario, {loop: self.recordings[loop]}).loops[0])
+            found: xarray.Dataset = dataset(signals_of(self.scenario, {loop: self.recordings[loop]}).loops[loop])
             return found
 
     def tables(self) -> list[Any]:
@@ -108,10 +108,10 @@ class Run:
 
     def report(self) -> Figure:
         """The report of the first recorded trial as a figure of Matplotlib."""
-        import matplotlib as mpl  # noqa: PLC0415
+        import matplotlib as mpl
 
-        from sim.report.register import draw_report  # noqa: PLC0415
-        from sim.series.picture_style import STYLE  # noqa: PLC0415
+        from sim.report.register import draw_report
+        from sim.series.picture_style import STYLE
 
         with in_one_line(), mpl.rc_context(STYLE):
             return draw_report(self.name, self.scenario, self.recordings, self.user_code.law)
@@ -165,10 +165,10 @@ class Run:
 
 
 def _printed(run: Run, width: int) -> Any:
-    import io  # noqa: PLC0415
+    import io
 
-    from rich.console import Console  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.console import Console
+    from rich.text import Text
 
     console = Console(record=True, file=io.StringIO(), width=width, highlight=False, markup=False)
     console.print(Text.assemble((run.scenario.title, "bold"), "\n", (run.scenario.source, "dim"), "\n"))
@@ -212,10 +212,9 @@ def run(
     user_code = UserCode(tuple(observers), controller)
     with in_one_line():
         name, loaded = named(scenario, set, trials, seed, user_code)
-        if workers > 1 and not all(isinstance(one, str) for one in (*observers, *(() if controller is None else (controller,)))):
-            raise NacsError(
-                f"workers={workers}: other processes cannot have filters and laws of this one; take workers=1, or FILE.py:CLASS"
-            )
+        own = (*observers, *(() if controller is None else (controller,)))
+        if workers > 1 and not all(isinstance(one, str) for one in own):
+            raise NacsError(f"workers={workers}: other processes cannot have filters and laws of this one; say workers=1, or FILE.py:CLASS")
         if workers < 1 or record_trials < 0:
             raise NacsError(f"workers={workers}, record_trials={record_trials}: must be at least 1 and 0")
         cost.check(loaded, loaded.run.trials, workers)
@@ -242,8 +241,8 @@ def run(
 
 
 def _console(shown: bool) -> Any:
-    import io  # noqa: PLC0415
+    import io
 
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
     return Console(stderr=True) if shown else Console(file=io.StringIO())

@@ -169,11 +169,11 @@ class Twin:
     @property
     def signals(self) -> xarray.Dataset:
         """What was recorded until now, as `Run.signals` has it; needs the extra `data`."""
-        from sim.series.signals.dataset import dataset  # noqa: PLC0415  # an extra
-        from sim.series.signals.of_recordings import signals_of  # noqa: PLC0415
+        from sim.series.signals.dataset import dataset
+        from sim.series.signals.of_recordings import signals_of
 
         with in_one_line():
-            found: xarray.Dataset = dataset(signals_of(self.scenario, {self.loop: self.recording}).loops[0])
+            found: xarray.Dataset = dataset(signals_of(self.scenario, {self.loop: self.recording}).loops[self.loop])
             return found
 
     @property

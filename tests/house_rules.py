@@ -16,7 +16,7 @@ from tests.house import FLOORS, ORDER, ROOMS, ROOT, House, circles, repository_f
 
 LARGEST_ROOM = 15  # modules besides __init__.py, sub-folders counted apart; of floors that have rooms
 LARGEST_GROUND = 10  # modules directly in sim/
-MOST_STOREYS = 14  # rooms and packages in the longest chain of imports
+MOST_STOREYS = 15  # rooms and packages in the longest chain of imports: fourteen, and the public face on top
 VAGUE = {"util", "utils", "helper", "helpers", "common", "misc", "base", "core"}
 NOT_FOR_THE_HOUSE = {"tests", "benchmarks", "pytest", "hypothesis", "filterpy", "stonesoup"}
 CLOSED_LOOP = "sim/loop/closed_loop.py"

@@ -16,6 +16,7 @@ from sim.bad_input import BadInput
 from sim.cli.commands.bound import bound
 from sim.cli.commands.campaign import campaign
 from sim.cli.commands.crosscheck import crosscheck
+from sim.cli.commands.export import export
 from sim.cli.commands.falsify import falsify
 from sim.cli.commands.list import list_scenarios
 from sim.cli.commands.replay import replay
@@ -50,6 +51,7 @@ def options(
 
 
 app.command("run")(run)
+app.command("export")(export)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)

@@ -46,7 +46,7 @@ def value(text: str) -> Any:
 def written(value: Any) -> str:
     """A value as TOML says it, in one line; raises BadInput if TOML has no word for it."""
     try:
-        return _item(value).as_string()  # type: ignore[no-any-return]
+        return _item(value).as_string()
     except (TypeError, ValueError):
         raise BadInput(f"{value!r:.80}: cannot be written as TOML; give a number, a text, a list or a dictionary") from None
 
