@@ -3,7 +3,7 @@
 >>> import nacs
 >>> flown = nacs.run("nacs/disturbance", trials=10, seed=7)
 >>> print(flown)                     # the tables that the command prints
->>> flown.signals.truth_rate         # what happened: an array with axes trial, time, xyz
+>>> flown.signals.truth_rate         # what happened: an array with axes trial, time, axis
 >>> flown.metrics                    # how good it was: a row a trial and metric
 >>> flown.report()                   # a figure
 >>> flown.show()                     # the Rerun viewer

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from sim.bad_input import BadInput
 from sim.cli.in_words import SHOW_TRACEBACK, in_words
 from sim.text.one_line import one_line
 
@@ -30,7 +31,7 @@ def in_one_line() -> Iterator[None]:
     except NacsError:
         raise
     except Exception as wrong:
-        if os.environ.get(SHOW_TRACEBACK):
+        if os.environ.get(SHOW_TRACEBACK) and not isinstance(wrong, BadInput):
             raise
         code, said = in_words(wrong)
         raise NacsError(one_line(said), code) from None

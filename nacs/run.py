@@ -88,7 +88,7 @@ class Run:
     @property
     def signals(self) -> xarray.Dataset:
         """What was recorded of the first loop, with axes trial, [agent,] time and components; needs the extra `data`."""
-        return self.signals_of(self.loops[LOOP])
+        return self.signals_of(self.loops[0])
 
     def signals_of(self, loop: str) -> xarray.Dataset:
         """What was recorded of a loop; raises NacsError if there is no such loop."""
@@ -191,9 +191,9 @@ def run(
 ) -> Run:
     """Simulate a scenario; nothing is written.
 
-    >>> flown = nacs.run("nacs/disturbance", trials=2, set={"run.ticks": 50})
+    >>> flown = nacs.run("nacs/fault-free", trials=2, set={"run.ticks": 50})
     >>> flown.signals.truth_rate.dims
-    ('trial', 'time', 'xyz')
+    ('trial', 'time', 'axis')
 
     Args:
       scenario: name, path of a TOML file, the content of one as a dictionary, or settings that were loaded before.

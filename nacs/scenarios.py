@@ -39,7 +39,7 @@ def load(
 ) -> AnyScenario:
     """The checked settings of a scenario of any family.
 
-    >>> nacs.load("nacs/disturbance", set={"run.ticks": 100}).run.ticks
+    >>> nacs.load("nacs/fault-free", set={"run.ticks": 100}).run.ticks
     100
 
     Args:

@@ -61,3 +61,9 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
     monkeypatch.setattr(raster, "pixels", pixels)
     return seen
+
+
+@pytest.fixture
+def nacs_command(nacs: Callable[..., Outcome]) -> Callable[..., Outcome]:
+    """The command, where the name `nacs` is the package's."""
+    return nacs

@@ -13,6 +13,7 @@ import sys
 import time
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,8 @@ from sim.text.progress import PREFIX
 HUNG = 124  # exit code of what was ended for taking too long
 EXITS = (0, 1, 2, 3, 130)  # 1: a cross-check that fails
 MEBI = 2**20
+LOOK_AGAIN_S = 0.2
+IDLE_S = 0.2  # of processor time, below which nothing was done
 
 
 for room in ("outputs", "replay", "report", "rerun"):  # the command imports these when it needs them: once here, not in every child
@@ -82,17 +85,34 @@ def complaints(ended: Ended) -> list[str]:
 
 
 def _wait(child: int, seconds: float) -> int:
-    """Exit code of the child, which is ended when its time is over."""
-    watched = os.pidfd_open(child)
+    """Exit code of the child, which is ended when it and its workers have computed that long, or done nothing for that long.
+
+    So it does not matter how busy the machine is.
+    """
+    watched, spent, idle_since = os.pidfd_open(child), 0.0, time.monotonic()
     try:
-        if not select.select([watched], [], [], seconds)[0]:
-            os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            return HUNG
+        while not select.select([watched], [], [], LOOK_AGAIN_S)[0]:
+            if (now := _computed(child)) > spent + IDLE_S:
+                spent, idle_since = now, time.monotonic()
+            if now > seconds or time.monotonic() - idle_since > seconds:
+                os.killpg(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+                return HUNG
         status = os.waitpid(child, 0)[1]
     finally:
         os.close(watched)
     return os.waitstatus_to_exitcode(status)
+
+
+def _computed(session: int) -> float:
+    """Seconds of processor time of all processes of a session."""
+    ticks = 0
+    for place in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            figures = place.read_text().rpartition(")")[2].split()
+            if int(figures[3]) == session:
+                ticks += sum(int(one) for one in figures[11:15])  # own and of children that ended
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _become(arguments: list[str], folder: Path, paths: list[Path], seconds: float, mebibytes: int) -> None:

@@ -231,7 +231,7 @@ class _MutatedSource(SourceFileLoader):
         super().__init__(name, path)
         self._mutant = mutant
 
-    def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002
+    def get_code(self, fullname: str) -> CodeType:
         return compile(self._mutant.applied(Path(self.path).read_bytes()), self.path, "exec")
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from models.plants.nacs import NacsParameters
 from tests.fuzz import CAMPAIGN, fuzz
-from tests.fuzz_process import Ended, call, complaints
+from tests.fuzz_process import HUNG, Ended, _wait, call, complaints
 
 QUICK = ("--set", "run.ticks=4", "--trials", "1", "--without", "report", "--without", "recording")
 
@@ -203,3 +206,24 @@ def test_a_run_that_fills_the_wheels_is_said_so_with_the_time() -> None:
     # weight 3.2 kg x 9.80665 m/s2 at [0.5, -0.4] um; a wheel takes half the sum of both torques, to 837.6 rad/s
     sum_nm = 3.2 * 9.80665 * (0.5e-6 + 0.4e-6) / 2.0
     assert NacsParameters().filled_s == pytest.approx(1.740138e-5 * 11.76 / 0.01404 / sum_nm)
+
+
+def _child(does: Callable[[], object]) -> int:
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        does()
+        os._exit(7)
+    return child
+
+
+def _for_ever() -> None:
+    while True:
+        pass
+
+
+def test_what_computes_too_long_or_does_nothing_hangs() -> None:
+    """The limit is of processor time, and of waiting; a child that ends before is neither."""
+    assert _wait(_child(_for_ever), 1.0) == HUNG
+    assert _wait(_child(lambda: time.sleep(60.0)), 1.0) == HUNG
+    assert _wait(_child(lambda: time.sleep(0.5)), 5.0) == 7

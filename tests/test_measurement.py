@@ -198,7 +198,7 @@ class Sums:
     def jacobian(self, state):
         return np.broadcast_to(self.matrix, (*state.shape[:-1], *self.matrix.shape))
 
-    def linear(self, errors):  # noqa: ARG002
+    def linear(self, errors):
         return self.matrix if self.said else None
 
 
@@ -303,7 +303,7 @@ class Swing:
     def jacobian(self, state):
         raise NotImplementedError
 
-    def linear(self, errors):  # noqa: ARG002
+    def linear(self, errors):
         return None
 
 
@@ -426,7 +426,7 @@ def test_a_nonlinear_reading_leaves_the_posterior_that_a_grid_has():
         ours = ParticleFilter(
             process=None, process_noise=ConstantNoise(np.array([[np.sqrt(q)]])), measurement_noise=None, prior=np.array([0.4]),
             prior_variance=np.array([0.2]), particles=particles, proposal=proposal, space=Euclidean(), measurement=model,
-            integrate=lambda process, state, command, dt: state,  # noqa: ARG005
+            integrate=lambda process, state, command, dt: state,
         )  # fmt: skip
         rng = np.random.default_rng(11)
         belief = ours.initial(np.array([np.nan]), draws(rng, (), particles, 1))

@@ -265,7 +265,7 @@ class Silent:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.part, name)
 
-    def linear(self, errors):  # noqa: ARG002
+    def linear(self, errors):
         return None
 
 
@@ -315,7 +315,7 @@ def test_the_marginalised_filter_reads_distances(sampled, proposal):
             out[..., :2] = (state[..., None, :2] - self.places) / self.predict(state)[..., None]
             return out
 
-        def linear(self, errors):  # noqa: ARG002
+        def linear(self, errors):
             return None
 
     rng = np.random.default_rng(28)

@@ -6,11 +6,12 @@ A file that is named is run as code, with all that code may do.
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import deepcopy
 from pathlib import Path
 from types import ModuleType
@@ -31,11 +32,13 @@ class UserClass:
           option: what it was given for.
           methods: that it must have.
         """
-        self._lines = {"": 1}
+        self._lines, self._is_told = {"": 1}, True
         if isinstance(given, str):
             self._load(given, option)
         else:
             self._take(given, option)
+        with suppress(TypeError, ValueError):  # of what is not written in Python
+            self._is_told = bool(inspect.signature(self._make).parameters)
         for method in methods if self.type is not None else ():
             found_method = getattr(self.type, method, None)
             if not callable(found_method):
@@ -87,9 +90,9 @@ class UserClass:
         self._make = given if makes else lambda *_: deepcopy(given)
 
     def construct(self, *arguments: Any) -> Any:
-        """An instance."""
+        """An instance, told of its setting if it takes an argument."""
         with self.blamed("__init__"):
-            return self._make(*arguments)
+            return self._make(*arguments) if self._is_told else self._make()
 
     def complaint(self, method: str, what: str) -> BadInput:
         """One line that names file, line and method."""
