@@ -43,7 +43,7 @@ FORMATS = (
     (
         "mat",
         "for MATLAB (`load`): a struct for each loop with `time`, `trial`, `agent`, an array for each signal, as `truth_rate` "
-        "(trials, [agents,] ticks, axis), and `about`: unit, frame, meaning, axes, columns; characters that MATLAB's names cannot have are `_`",
+        "(trials, [agents,] ticks, axis), and `about`: unit, frame, meaning, axes, columns; what MATLAB's names cannot have is `_`",
         "nothing",
     ),
     (
@@ -53,7 +53,7 @@ FORMATS = (
     ),
     (
         "mcap",
-        "for Foxglove and others: a topic for each trial and agent, `/loop/trial0`, a JSON object a tick, in which `truth.rate_x` is a number",
+        "for Foxglove and others: a topic for each trial and agent, `/loop/trial0`, an object a tick, in which `truth.rate_x` is a number",
         "`nacs-twin[data]`",
     ),
 )
@@ -114,7 +114,8 @@ Not in the table are wheel angles of several agents, and what is worked out of a
 
 {chr(10).join(tables())}
 **Another signal** is an `Entry` in sim/series/signals/register.py: which channel of the recording it is, and which quantities its
-components are. A channel that no entry is about stands in the table with numbered components and no unit."""
+components are. A channel that no entry is about stands in the table with numbered components and no unit.
+"""
 
 if __name__ == "__main__":
-    print(PAGE)
+    print(PAGE, end="")

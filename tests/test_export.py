@@ -44,7 +44,7 @@ def exported(nacs, run: tuple[Path, Signals], kind: str) -> tuple[Path, Signals]
 
 def test_csv_is_read_by_pandas(nacs, run) -> None:
     path, signals = exported(nacs, run, "csv")
-    whole = pd.read_csv(path, float_precision="round_trip")
+    whole = pd.read_csv(path, engine="pyarrow")
     for name, loop in signals.loops.items():
         table = whole[whole["loop"] == name]
         for signal in loop:
