@@ -14,7 +14,7 @@ import xarray as xr
 from mcap.reader import make_reader
 from scipy.io import loadmat
 
-from sim.cli import export as command
+from sim.cli.bridges import export as command
 from sim.export.matlab import valid_names
 from sim.export.register import FORMATS
 from sim.series.signals import long_table

@@ -17,9 +17,9 @@ from rich.text import Text
 from estimation.gaussian import LostDefiniteness
 from sim.bad_input import BadInput
 from sim.cli.bound import bound
+from sim.cli.bridges.export import export
 from sim.cli.campaign import campaign
 from sim.cli.crosscheck import crosscheck
-from sim.cli.export import export
 from sim.cli.falsify import falsify
 from sim.cli.list import list_scenarios
 from sim.cli.replay import replay
