@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from scipy.io import loadmat
 
 from sim.cli.bridges import export as command
+from sim.export import matlab
 from sim.export.matlab import valid_names
 from sim.export.register import FORMATS
 from sim.series.signals import long_table
@@ -137,6 +138,14 @@ def test_what_cannot_be_exported_is_one_line(nacs, run, tmp_path: Path, argument
     assert (result.code, result.err.count("\n")) == (2, 1), result.err
     assert said in result.err
     assert set(tmp_path.rglob("*")) == before
+
+
+def test_what_a_mat_file_cannot_hold_is_one_line(nacs, run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matlab, "LARGEST", 100)
+    result = nacs("export", run[0], "--to", "mat", "--out", "it.mat")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "a MAT file of version 5 holds 2 GB; record fewer trials, or --to netcdf" in result.err
+    assert not list(Path().iterdir())
 
 
 @pytest.mark.parametrize(("kind", "package"), [("netcdf", "xarray"), ("netcdf", "netCDF4"), ("mcap", "mcap")])

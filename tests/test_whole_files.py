@@ -22,7 +22,7 @@ from sim.signals import Signals
 from sim.whole_file import NotWritten, remove_abandoned, whole_file, write_whole
 
 RUN = ("run", "nacs/fault-free", "--trials", 2, "--set", "run.ticks=20", "--out", "it")
-LEAN = ("--without", "report", "--without", "recording")
+LEAN = ("--without", "report", "--without", "recording", "--without", "signals")
 
 
 def full(_: int) -> None:
