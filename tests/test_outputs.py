@@ -28,14 +28,14 @@ def test_a_run_leaves_what_is_unasked_and_what_was_asked_for(nacs, tmp_path: Pat
     result = nacs(*QUICK, *options)
     assert result.code == 0, result.err
     files = {path.name for path in (tmp_path / "it").iterdir()}
-    assert files == {"summary.json", "trials.parquet", "report.png", "recording.rrd"} | more
+    assert files == {"summary.json", "trials.parquet", "report.png", "recording.rrd", "signals.parquet"} | more
     for name in files - {"summary.json", "trials.parquet"}:
         assert f"it/{name}" in result.out
     assert ("nacs replay it/log.parquet" in result.out) == bool(more)
 
 
 def test_a_run_leaves_out_what_is_not_wanted(nacs, tmp_path: Path) -> None:
-    result = nacs(*QUICK, "--without", "report", "--without", "recording")
+    result = nacs(*QUICK, "--without", "report", "--without", "recording", "--without", "signals")
     assert result.code == 0, result.err
     assert {path.name for path in (tmp_path / "it").iterdir()} == {"summary.json", "trials.parquet"}
     assert "report.png" not in result.out
@@ -45,7 +45,7 @@ def test_a_run_leaves_out_what_is_not_wanted(nacs, tmp_path: Path) -> None:
 def test_an_output_that_does_not_exist_is_one_line(nacs, tmp_path: Path, option: str) -> None:
     result = nacs(*QUICK, option, "movie")
     assert (result.code, result.err.count("\n")) == (2, 1)
-    assert f"{option} movie: there is no such output; there are log, recording, report" in result.err
+    assert f"{option} movie: there is no such output; there are log, recording, report, signals" in result.err
     assert not list(tmp_path.iterdir())
 
 

@@ -36,7 +36,7 @@ def test_every_scenario_runs_and_its_files_say_the_same(nacs, tmp_path, name: st
     options = () if drawn else ("--without", "report", "--without", "recording")
     result = nacs("run", name, "--trials", 2, "--out", "it", *options, *(part for s in settings for part in ("--set", s)))
     assert result.code == 0, result.err
-    assert sorted(p.name for p in (tmp_path / "it").iterdir()) == [*drawn, "summary.json", "trials.parquet"]
+    assert sorted(p.name for p in (tmp_path / "it").iterdir()) == [*drawn, "signals.parquet", "summary.json", "trials.parquet"]
     summary = json.loads((tmp_path / "it" / "summary.json").read_text())
     assert {"scenario", "seed", "trials", "versions", "wall_s", "sim_s", "rows"} <= summary.keys()
     assert (summary["scenario"], summary["trials"]) == (name, 2)

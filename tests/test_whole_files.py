@@ -22,7 +22,7 @@ from sim.signals import Signals
 from sim.whole_file import NotWritten, remove_abandoned, whole_file, write_whole
 
 RUN = ("run", "nacs/fault-free", "--trials", 2, "--set", "run.ticks=20", "--out", "it")
-LEAN = ("--without", "report", "--without", "recording")
+LEAN = ("--without", "report", "--without", "recording", "--without", "signals")
 
 
 def full(_: int) -> None:
@@ -97,7 +97,7 @@ def test_a_folder_in_the_place_of_one_file_costs_no_other(nacs, tmp_path: Path) 
     result = nacs(*RUN, "--overwrite", "--also", "log")
     assert (result.code, result.err.count("\n")) == (3, 1), result.err
     assert "report.png cannot be written: Is a directory" in result.err
-    assert set(contents(tmp_path / "it")) == {"summary.json", "trials.parquet", "recording.rrd", "log.parquet"}
+    assert set(contents(tmp_path / "it")) == {"summary.json", "trials.parquet", "recording.rrd", "log.parquet", "signals.parquet"}
     assert "report.png" not in result.out
 
 

@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.cli.bridges.export import export
 from sim.cli.commands.bound import bound
 from sim.cli.commands.campaign import campaign
 from sim.cli.commands.crosscheck import crosscheck
-from sim.cli.commands.export import export
 from sim.cli.commands.falsify import falsify
 from sim.cli.commands.list import list_scenarios
 from sim.cli.commands.replay import replay

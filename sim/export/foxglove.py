@@ -85,7 +85,10 @@ def _write(path: Path, signals: Signals) -> None:
 
 def _json_numbers(values: AnyArray) -> list[Any]:
     """As JSON has them: what is no number is null."""
-    return np.where(np.isfinite(values), values, None).tolist() if values.dtype != bool else values.tolist()
+    numbers = values.astype(object)
+    if values.dtype != bool:
+        numbers[~np.isfinite(values)] = None
+    return numbers.tolist()
 
 
 FORMAT = ExportFormat("mcap", ".mcap", _write, needs=("mcap",))

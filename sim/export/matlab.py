@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
+from sim.bad_input import BadInput
 from sim.export.export_format import ExportFormat
 from sim.series.signals.signal import LoopSignals, Signals
 
 LONGEST = 63  # characters of a name in MATLAB
+LARGEST = 2**31 - 1  # bytes of an array in a MAT file of version 5
 
 
 def valid_names(names: Iterable[str]) -> dict[str, str]:
@@ -53,6 +55,10 @@ def _loop(loop: LoopSignals) -> dict[str, Any]:
 
 def _write(path: Path, signals: Signals) -> None:
     loops = valid_names(signals.loops)
+    for signal in (one for loop in signals.loops.values() for one in loop):
+        if signal.values.nbytes > LARGEST:
+            size = f"{signal.values.nbytes / 1e9:.1f} GB"
+            raise BadInput(f"--to mat: {signal.name} has {size}, a MAT file of version 5 holds 2 GB; record fewer trials, or --to netcdf")
     with path.open("wb") as file:  # given a path, it would add a suffix
         savemat(
             file,

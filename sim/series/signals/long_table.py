@@ -95,7 +95,7 @@ def _batches(loop: LoopSignals, schema: pa.Schema) -> Iterator[pa.Table]:
         yield pa.table([found.get(field.name, pa.nulls(int(np.prod(shape)), field.type)) for field in schema], schema=schema)
 
 
-def _rows(signal: Signal, values: AnyArray, trials: NDArray[np.int64], shape: tuple[int, ...]) -> AnyArray:
+def _rows(signal: Signal, values: AnyArray, trials: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[Any]:
     """Values of a column by trial, agent and time, (rows,); what has no axis of trials or agents is the same for all."""
     if TRIAL in signal.dims:
         values = values[trials]

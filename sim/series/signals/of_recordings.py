@@ -34,7 +34,7 @@ def _of_a_channel(scenario: Any, recording: Recording, channel: str, agents: int
     register = OF_RUN if observer is None else OF_OBSERVER
     entries = [entry for entry in register[scenario.family] if entry.channel == named and _fits(entry, scenario)]
     for entry in entries:
-        array = recording.channels[channel]
+        array: AnyArray = recording.channels[channel]
         if entry.arranged is not None:
             array = entry.arranged(scenario, array)
         yield from _parts(entry, array, scenario, channel, observer, agents)

@@ -1,0 +1,1 @@
+"""Commands that hand what the twin knows to other tools."""
