@@ -101,6 +101,7 @@ def test_a_user_s_filter_flies_and_is_judged(body: Body, nacs, tmp_path: Path) -
     loops = load(body.scenario, body.changes).loops
     expected = {f"{loop}/complementary-filter" for loop in loops} or {"complementary-filter"}
     assert expected <= subjects
+    assert any(column.startswith("estimate/complementary-filter/") for column in pq.read_schema(tmp_path / "it" / "signals.parquet").names)
 
 
 @every_body
