@@ -13,4 +13,4 @@ class Stiff:
 changes = {"run.ticks": 300, "phases": {}}
 for name, law in (("the scenario's", None), ("mine", Stiff)):
     table = nacs.run("nacs/fault-free", trials=2, set=changes, controller=law).metrics
-    print(f"{name:15} tracking error {table[table.metric == 'tracking_error'].value.mean():.3f} deg")
+    print(f"{name:15} tracking error {table[table.metric == 'tracking_error_deg'].value.mean():.3f} deg")

@@ -2,7 +2,7 @@
 
 import nacs
 
-flown = nacs.run("formation/fault-free", trials=1, set={"run.ticks": 500, "phases": {}})
+flown = nacs.run("formation/fault-free", trials=1, set={"run.ticks": 150, "phases": {}})
 for loop in flown.loops:
     signals = flown.signals_of(loop)
     print(loop, dict(signals.truth_attitude.sizes))

@@ -14,9 +14,9 @@ seed = 4
 "run.ticks" = 120
 phases = {}
 [dispersion]
-"plant.centre_of_mass_um[0]" = { normal = [0.0, 5.0] }
+"plant.centre_of_mass_um.0" = { normal = [0.0, 5.0] }
 """
 )
 done = nacs.campaign("balance.toml", out="balance", workers=1)
 table = done.table("trials.parquet").to_pandas()
-print(table[table.metric == "tracking_error"].value.describe())
+print(table[table.metric == "tracking_error_deg"].value.describe())
