@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 from rich.table import Table
 
 from sim.campaign.settings import Campaign
@@ -22,6 +23,7 @@ DASHES = ("-", "--", ":", "-.")
 UNEVEN = 20.0  # the widest gap between neighbouring values over the narrowest
 SUBJECTS = 3  # side by side in a table of 80 columns
 
+Array = NDArray[np.floating]
 Row = dict[str, Any]
 
 
@@ -55,11 +57,70 @@ def write_report(path: Path, campaign: Campaign, rows: list[Row]) -> None:
     """Draw every metric against the grid's longest numeric key: a colour a subject, a dash for each combination of the other keys."""
     key = abscissa(campaign)
     assert key is not None
-    several = list(_by_metric(rows))
-    with panels(path, campaign, len(several), COLUMNS, 3.2, "lines: median of a point's trials, shaded: 5 to 95 %") as every:
-        for axes, ((metric, phase, unit), some) in zip(every, several, strict=True):
+    several, operating = list(_by_metric(rows)), operating_points(campaign, key, rows)
+    count = len(several) + bool(operating)
+    with panels(path, campaign, count, COLUMNS, 3.2, "lines: median of a point's trials, shaded: 5 to 95 %") as every:
+        for axes, ((metric, phase, unit), some) in zip(every, several, strict=False):
             _curves(axes, campaign, key, some)
             axes.set(title=metric + ("" if phase == "all" else f", {phase}"), xlabel=key, ylabel=f"[{unit}]")
+        if operating:
+            _characteristic(every[-1], key, operating)
+
+
+class OperatingPoints(NamedTuple):
+    """Of a detector, along the key that curves run along.
+
+    Attributes:
+      subject: the detector.
+      settings: the other keys of the grid.
+      values: of the key.
+      silent: mean share of the ticks of a fault at which none is declared, (values,).
+      false: mean share of the ticks before it at which one is, (values,).
+    """
+
+    subject: str
+    settings: Row
+    values: tuple[float, ...]
+    silent: Array
+    false: Array
+
+
+def operating_points(campaign: Campaign, key: str, rows: list[Row]) -> list[OperatingPoints]:
+    """Silence in faults against false alarm before them, of every detector of which both are kept: an operating characteristic."""
+    kept = {(r["subject"], r["metric"], r["phase"], r["point"]): r["mean"] for r in rows}
+    found = []
+    values = tuple(sorted(campaign.grid[key]))
+    for subject in dict.fromkeys(r["subject"] for r in rows if r["metric"] == "silent_fraction"):
+        for settings in {str(other): other for other in (_without(point, key) for point in campaign.points)}.values():
+            here = [campaign.points.index(settings | {key: value}) for value in values]
+            silent, false = (
+                np.array([kept.get((subject, metric, phase, point), np.nan) for point in here])
+                for metric, phase in (("silent_fraction", "all"), ("false_alarm_fraction", "nominal"))
+            )
+            if not np.isnan(silent + false).all():
+                found.append(OperatingPoints(subject, settings, values, silent, false))
+    return found
+
+
+def _without(point: Row, key: str) -> Row:
+    """The settings of a point but one."""
+    return {k: v for k, v in point.items() if k != key}
+
+
+def _characteristic(axes: Axes, key: str, operating: list[OperatingPoints]) -> None:
+    """A line for each detector and combination of the other keys, which begins at the least value of `key`."""
+    subjects = list(dict.fromkeys(line.subject for line in operating))
+    combinations = list(dict.fromkeys(str(line.settings) for line in operating))
+    for line in operating:
+        colour = LOOP_VARIANTS[subjects.index(line.subject) % len(LOOP_VARIANTS)][0]
+        dash = DASHES[combinations.index(str(line.settings)) % len(DASHES)]
+        axes.plot(100.0 * line.false, 100.0 * (1.0 - line.silent), color=colour, ls=dash, marker="o", ms=2.5)
+        axes.plot(100.0 * line.false[:1], 100.0 * (1.0 - line.silent[:1]), color=colour, marker="s", ms=4.5)
+    axes.set(
+        title=f"declared in the fault against before it; square: {key.rpartition('.')[2]} {operating[0].values[0]:g}",
+        xlabel="declared before the fault, mean [% of ticks]",
+        ylabel="declared in the fault, mean [% of ticks]",
+    )
 
 
 def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row]]]:
@@ -74,7 +135,7 @@ def _by_metric(rows: list[Row]) -> Iterator[tuple[tuple[str, str, str], list[Row
 
 
 def _curves(axes: Axes, campaign: Campaign, key: str, some: list[Row]) -> None:
-    others = [{k: v for k, v in point.items() if k != key} for point in campaign.points]
+    others = [_without(point, key) for point in campaign.points]
     combinations = list({str(other): other for other in others}.values())
     x, labels = _places(sorted(campaign.grid[key]))
     for i, subject in enumerate(dict.fromkeys(row["subject"] for row in some)):
