@@ -64,8 +64,8 @@ def switching() -> None:
         "Filters that switch their gain: us a step and trial, and over the EKF's",
         ("", *sizes_of, *(f"x {size}" for size in sizes_of)),
         rows,
-        f"CPU time on one core, medians of {ROUNDS} interleaved rounds; x: median of the rounds' ratios to the EKF. of N: a trial in a batch "
-        "of N. Noise, layer and detectors of McCafferty-Leroux et al. (2024), eleven states, all read.",
+        f"CPU time on one core, medians of {ROUNDS} interleaved rounds; x: median of the rounds' ratios to the EKF. of N: a trial in a "
+        "batch of N. Noise, layer and detectors of McCafferty-Leroux et al. (2024), eleven states, all read.",
     )
 
 

@@ -205,7 +205,9 @@ def test_alarms_for_nothing_are_not_those_that_come_late() -> None:
 def test_a_filter_without_a_detector_is_not_one_that_never_alarms() -> None:
     made = recording()
     metrics = {m.metric for m in evaluate(dataclasses.replace(made, thresholds={"hybrid": None}), compile_nacs())}
-    assert not [m for m in metrics if m.startswith(("fault", "alarms", "false", "missed_f", "missed_w", "silent", "detection", "peak_stat"))]
+    assert not [
+        m for m in metrics if m.startswith(("fault", "alarms", "false", "missed_f", "missed_w", "silent", "detection", "peak_stat"))
+    ]
     assert "nis_mean" in metrics
 
 

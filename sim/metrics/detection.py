@@ -80,7 +80,7 @@ def visible_faults(fault: Flags, occurrences: Sequence[Occurrence]) -> Flags:
 
 
 def raised_alarms(declared: Flags) -> Flags:
-    """Where a fault is declared that was not at the tick before, (trials, ticks): each is a switch to the sliding gain, and one back follows."""
+    """Where a fault is declared that was not at the tick before, (trials, ticks): the switches to the sliding gain."""
     return declared & ~_tick_before(declared)
 
 

@@ -1,4 +1,4 @@
-"""`detection.png`: what was to be followed, and of each detector its statistic with what it is made of, its thresholds, and what it declared.
+"""`detection.png`: what was to be followed, and of each detector its statistic, its thresholds and what it declared.
 
 The pictures are those of McCafferty-Leroux et al. (2024): the desired quaternion (fig. 4), and a page for each detector (figs 6 to 9).
 """
@@ -98,7 +98,9 @@ def _statistic(axes: Axes, detector: Detector, several: bool) -> None:
     probability = detector.name in modal(detector.recording.thresholds)
     if not probability:
         axes.semilogy(time, detector.channel("nis"), color=RAW, ls=(0, (1, 1.2)), lw=0.9, label="NIS")
-    axes.plot(time, detector.channel("statistic"), color=SMOOTHED, lw=1.5, label="probability of a fault" if probability else "smoothed NIS")
+    axes.plot(
+        time, detector.channel("statistic"), color=SMOOTHED, lw=1.5, label="probability of a fault" if probability else "smoothed NIS"
+    )
     axes.axhline(on, color="#222222", ls="--", lw=0.9, label=f"on, {on:.4g}")
     axes.axhline(off, color="#222222", ls=":", lw=0.9, label=f"off, {off:.4g}")
     axes.set_title(f"{detector.loop}: {detector.name}" if several else detector.name)
