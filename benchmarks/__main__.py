@@ -13,8 +13,9 @@ from benchmarks.particles import particles
 from benchmarks.physics import physics
 from benchmarks.show import machine
 from benchmarks.steps import steps
+from benchmarks.switching import switching
 
-TABLES = {work.__name__: work for work in (physics, steps, filters, particles, sizes, workers, output, campaign)}
+TABLES = {work.__name__: work for work in (physics, steps, filters, switching, particles, sizes, workers, output, campaign)}
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib import image
+from rich.console import Console
 
 from sim.campaign.blocks import simulate
 from sim.campaign.draws import picked
@@ -19,7 +21,7 @@ from sim.campaign.shard import fly
 from sim.cli.commands.campaign import _jobs
 from sim.loop.lost_trials import LostTrial
 from sim.metrics.trial_block import TrialBlock
-from sim.report.campaign.sweep import abscissa
+from sim.report.campaign.sweep import _facets, abscissa, operating_points, tables
 from sim.scenario.files import check, dumped, load
 
 SHORT = """
@@ -156,3 +158,61 @@ def test_a_wrong_key_is_one_line(nacs, tmp_path, old, new, wanted):
 @pytest.mark.parametrize("name", ["formation-message-loss", "formation-message-delay"])
 def test_the_campaigns_that_come_along_are_sound(name):
     assert load_campaign(CAMPAIGNS / f"{name}.toml").points
+
+
+def rows_of(points: int, silent: list[float], false: list[float]) -> list[dict[str, Any]]:
+    common = {"unit": "1", "q05": 0.1, "q50": 0.2, "q95": 0.3, "n": 3}
+    return [
+        {"point": p, "subject": "nis", "metric": metric, "phase": phase, "mean": values[p], **common}
+        for metric, phase, values in (("silent_fraction", "all", silent), ("false_alarm_fraction", "nominal", false))
+        for p in range(points)
+    ]
+
+
+GRID = SWEEP[: SWEEP.index("[grid]")] + '[grid]\n"graph.when_lost" = ["hold", "skip"]\n"faults.0.probability" = [0.5, 0.1, 0.3]\n'
+
+
+def test_operating_points_follow_the_key_in_order(tmp_path) -> None:
+    campaign = load_campaign(write(tmp_path, GRID))
+    silent, false = [0.5, 0.1, 0.3, 0.6, 0.2, 0.4], [0.05, 0.01, 0.03, 0.06, 0.02, 0.04]
+    found = operating_points(campaign, "faults.0.probability", rows_of(6, silent, false))
+    assert [line.settings for line in found] == [{"graph.when_lost": "hold"}, {"graph.when_lost": "skip"}]
+    for line, first in zip(found, (0.1, 0.2), strict=True):
+        assert line.values == (0.1, 0.3, 0.5)
+        np.testing.assert_allclose(line.silent, [first, first + 0.2, first + 0.4])
+        np.testing.assert_allclose(line.false, line.silent / 10)
+    assert operating_points(campaign, "faults.0.probability", rows_of(6, silent, false)[:6]) == []
+
+
+def test_a_table_of_a_grid_says_its_settings_beside_wide_figures(tmp_path) -> None:
+    """Three keys and figures of many digits: subjects go to tables of their own before a setting loses its column."""
+    campaign = load_campaign(write(tmp_path, GRID))
+    rows = [
+        {"point": p, "subject": subject, "metric": "m", "phase": "all", "unit": "1", "q05": 0.00123, "q50": 0.00456, "q95": 0.00789, "n": 3}
+        for p in range(6)
+        for subject in ("one", "two", "three", "four")
+    ]
+    console = Console(width=80, file=io.StringIO())
+    for table in tables(campaign, rows):
+        console.print(table)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    settings = [line.split()[:2] for line in lines if line.split()[:1] in (["hold"], ["skip"])]
+    assert len(settings) % 6 == 0
+    assert settings[:6] == [[when, p] for when in ("hold", "skip") for p in ("0.5", "0.1", "0.3")]
+    assert not any("…" in line for line in lines)
+
+
+def test_more_combinations_than_dashes_have_panels_of_their_own() -> None:
+    campaign = load_campaign(CAMPAIGNS / "nacs-detector-window.toml")
+    assert _facets(campaign, "observers.nis-windowed.window") == [{"tuning": "consistent"}, {"tuning": "paper"}]
+    few = load_campaign(CAMPAIGNS / "formation-message-loss.toml")
+    assert _facets(few, "faults.0.probability") == [{}]
+
+
+@pytest.mark.parametrize("name", ["nacs-detector-window", "nacs-detector-memory", "nacs-delay", "nacs-packet-loss"])
+def test_every_point_of_the_detectors_campaigns_is_a_scenario(name: str) -> None:
+    campaign = load_campaign(CAMPAIGNS / f"{name}.toml")
+    for point, settings in enumerate(campaign.points):
+        scenario = campaign.at(point)
+        assert scenario.run.ticks == 500
+        assert all(o.tuning == settings["tuning"] for o in scenario.observers.values())

@@ -76,7 +76,7 @@ def test_detection_is_counted_fault_by_fault(found) -> None:
     expected = {
         "faults": [1, 0], "faults_detected": [1, 0], "faults_missed": [0, 0], "faults_already_alarmed": [0, 0],
         "missed_fraction": [0, np.nan], "detection_delay_s": [0.3, np.nan], "missed_watch_s": [np.nan, np.nan],
-        "false_alarms": [0, 0], "silent_fraction": [2 / 10, np.nan], "false_alarm_fraction": [5 / 29, 0],
+        "alarms": [1, 0], "false_alarms": [0, 0], "silent_fraction": [2 / 10, np.nan], "false_alarm_fraction": [5 / 29, 0],
     }  # fmt: skip
     for metric, values in expected.items():
         np.testing.assert_allclose(found["hybrid", metric, "all"], values, err_msg=metric)
@@ -184,11 +184,13 @@ def test_faults_missed_faults_found_and_alarms_for_nothing_are_counted_in_one_ru
     found = {m[:3]: m.values[0] for m in evaluate(dataclasses.replace(made, occurrences=faults), compile_nacs())}
     expected = {
         "faults": 3, "faults_detected": 2, "faults_missed": 1, "faults_already_alarmed": 0, "missed_fraction": 1 / 3,
-        "detection_delay_s": (0.2 + 0.7) / 2, "missed_watch_s": 0.4, "false_alarms": 1,
+        "detection_delay_s": (0.2 + 0.7) / 2, "missed_watch_s": 0.4, "alarms": 3, "false_alarms": 1,
         "false_alarm_fraction": 4 / (40 - 6 - 6 - 4), "silent_fraction": 11 / 13,
     }  # fmt: skip
     for metric, value in expected.items():
         assert found["hybrid", metric, "all"] == pytest.approx(value), metric
+    by_phase = {phase: found["hybrid", "alarms", phase] for phase in ("nominal", "fault", "recovery")}
+    assert by_phase == {"nominal": 1, "fault": 1, "recovery": 1}
 
 
 def test_alarms_for_nothing_are_not_those_that_come_late() -> None:
@@ -203,7 +205,9 @@ def test_alarms_for_nothing_are_not_those_that_come_late() -> None:
 def test_a_filter_without_a_detector_is_not_one_that_never_alarms() -> None:
     made = recording()
     metrics = {m.metric for m in evaluate(dataclasses.replace(made, thresholds={"hybrid": None}), compile_nacs())}
-    assert not [m for m in metrics if m.startswith(("fault", "false", "missed_f", "missed_w", "silent", "detection", "peak_stat"))]
+    assert not [
+        m for m in metrics if m.startswith(("fault", "alarms", "false", "missed_f", "missed_w", "silent", "detection", "peak_stat"))
+    ]
     assert "nis_mean" in metrics
 
 

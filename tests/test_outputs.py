@@ -45,7 +45,7 @@ def test_a_run_leaves_out_what_is_not_wanted(nacs, tmp_path: Path) -> None:
 def test_an_output_that_does_not_exist_is_one_line(nacs, tmp_path: Path, option: str) -> None:
     result = nacs(*QUICK, option, "movie")
     assert (result.code, result.err.count("\n")) == (2, 1)
-    assert f"{option} movie: there is no such output; there are log, recording, report, signals" in result.err
+    assert f"{option} movie: there is no such output; there are detection, log, recording, report, signals" in result.err
     assert not list(tmp_path.iterdir())
 
 

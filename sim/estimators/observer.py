@@ -31,9 +31,11 @@ class ObserverBase(Section, ABC):
 
     Attributes:
       learns: whether it learns the plant's unmodelled torque.
+      declares: whether it declares faults.
     """
 
     learns: ClassVar[bool] = False
+    declares: ClassVar[bool] = False
     kinds: ClassVar[list[type[ObserverBase]]] = []
 
     tuning: str | Tuning

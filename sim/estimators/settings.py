@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,8 @@ class Sif(ExtendedSettings):
 
 class NisSwitched(ExtendedSettings):
     """EKF that becomes a sliding innovation filter while the smoothed NIS says that there is a fault."""
+
+    declares: ClassVar[bool] = True
 
     type: Literal["nis-switched"]
     smoothing: Literal["windowed", "fading"]
@@ -298,6 +300,8 @@ FilterSettings = Annotated[Ekf | Mekf | Sif | Ukf, Field(discriminator="type")]
 
 class Imm(ObserverBase):
     """Interacting multiple model: one filter for each mode of operation of the wheels, the first mode being the healthy one."""
+
+    declares: ClassVar[bool] = True
 
     type: Literal["imm"]
     filter: FilterSettings = Field(description="the kind of the members")

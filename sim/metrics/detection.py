@@ -60,8 +60,8 @@ def detections(declared: Flags, occurrences: Sequence[Occurrence]) -> Detections
     trial, start, seen = events.T
     follows = np.append(trial[1:] == trial[:-1], False)[: len(trial)]
     stop = np.where(follows, np.append(seen[1:], ticks)[: len(trial)], ticks)
-    before = np.concatenate([np.zeros_like(declared[:, :1]), declared[:, :-1]], axis=1)
-    rises = np.where(declared & ~before, np.arange(ticks), ticks)
+    before = _tick_before(declared)
+    rises = np.where(raised_alarms(declared), np.arange(ticks), ticks)
     following = np.minimum.accumulate(rises[:, ::-1], axis=1)[:, ::-1]  # tick of the next alarm that is raised, from each tick on
     raised = following[trial, seen]
     detected = raised < stop
@@ -79,12 +79,21 @@ def visible_faults(fault: Flags, occurrences: Sequence[Occurrence]) -> Flags:
     return out
 
 
+def raised_alarms(declared: Flags) -> Flags:
+    """Where a fault is declared that was not at the tick before, (trials, ticks): the switches to the sliding gain."""
+    return declared & ~_tick_before(declared)
+
+
+def _tick_before(declared: Flags) -> Flags:
+    """What was declared at the tick before; nothing before the first."""
+    return np.concatenate([np.zeros_like(declared[:, :1]), declared[:, :-1]], axis=1)
+
+
 def false_alarms(declared: Flags, clear: Flags, found: Detections) -> Flags:
     """Where an alarm is raised while no fault acts or can be seen, `clear` (trials, ticks), other than the late detection of one."""
-    before = np.concatenate([np.zeros_like(declared[:, :1]), declared[:, :-1]], axis=1)
     own = np.zeros_like(declared)
     own[found.trial[found.detected], found.raised[found.detected]] = True
-    return declared & ~before & clear & ~own
+    return raised_alarms(declared) & clear & ~own
 
 
 def detected_by(delay: Array, detected: Flags) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from models.plants.assembly import Assembly
 from sim.loop.recording import Recording
 from sim.metric import Metric
 from sim.metrics import windows
-from sim.metrics.detection import detections, false_alarms, visible_faults
+from sim.metrics.detection import detections, false_alarms, raised_alarms, visible_faults
 from sim.metrics.learned import of_learning, window_flags
 from sim.scenario.one_body import Scenario
 from sim.scenario.references import EulerRates
@@ -156,7 +156,7 @@ def _detection(recording: Recording, phase: str, flags: Flags, declared: Flags, 
     """Alarms against the faults that begin in a phase, and against its ticks; `declared` and `fault` are (trials, ticks)."""
     visible = visible_faults(fault, recording.occurrences)
     clear, found = flags & ~fault & ~visible, detections(declared, recording.occurrences)
-    rows: list[Row] = []
+    rows: list[Row] = [("alarms", phase, "1", np.sum(raised_alarms(declared) & flags, axis=-1).astype(float))]
     if clear.any():
         rows.append(("false_alarm_fraction", phase, "1", _mean(declared.astype(float), clear)))
         raised = np.sum(false_alarms(declared, clear, found), axis=-1).astype(float)

@@ -28,6 +28,10 @@ class Flown(NamedTuple):
     configuration: dict[str, Any]
 
 
+def _nothing(scenario: Any) -> str:  # noqa: ARG001
+    return ""
+
+
 @dataclass(frozen=True)
 class Output:
     """A kind of file that a run can leave in its folder.
@@ -37,6 +41,7 @@ class Output:
       file: name of the file.
       write: puts it there; imports that take long belong inside.
       unasked: whether every run writes it.
+      missing: what a scenario lacks for it, in words that follow the option; nothing if it can be written.
       hint: a further line to say where it is said to be: what to do with it, and the command, of the file's path.
     """
 
@@ -44,4 +49,5 @@ class Output:
     file: str
     write: Callable[[Path, Flown], None]
     unasked: bool = False
+    missing: Callable[[Any], str] = _nothing
     hint: Callable[[Path], tuple[str, str]] | None = None

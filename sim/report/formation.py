@@ -64,13 +64,8 @@ def draw_report(name: str, scenario: FormationScenario, recordings: dict[str, Re
         figure.suptitle(f"{scenario.title}\n", x=0.01, ha="left", fontsize=12, fontweight="bold")
         happened = dict.fromkeys((o.start_tick, o.text) for o in loops[0].occurrences)
         said = [f"{name}, trial {loops[0].recorded[0]}"] + [f"{loops[0].dt * start:g} s: {text}" for start, text in happened]
-        figure.text(0.01, 0.958, _fitted(said), fontsize=7.5, color=QUIET)
+        figure.text(0.01, 0.958, " | ".join(said), fontsize=7.5, color=QUIET)
         return figure
-
-
-def _fitted(said: list[str], most: int = 230) -> str:
-    text = " | ".join(said)
-    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _subjects(loops: list[FormationFlight]) -> dict[str, str]:

@@ -202,7 +202,7 @@ def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, result
     merged, first = store.merge(jobs), loaded.at(0)
     processors = described(store.used_processors(jobs))
     together, errors = banded(first, loaded), kind_of(first.plant).layout(first.plant).errors
-    sweep = not together and campaign_sweep.abscissa(loaded) is not None
+    sweep = campaign_sweep.abscissa(loaded) is not None
     rows, points = [], []
     for point, settings in enumerate(loaded.points):
         own = [job for job in jobs if job.point == point]
@@ -216,7 +216,7 @@ def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, result
             out.print(campaign_distributions.table(found, points[-1]["failed_trials"], loaded.trials))
         if point == 0 and together:
             results.write("recording.rrd", partial(write_bands, campaign=loaded, bands=bands, dt=first.run.tick_s))
-        if point == 0 and together and points[0]["roc"]:
+        if point == 0 and together and points[0]["roc"] and not sweep:
             results.write("report.png", partial(write_report, campaign=loaded, found=found, point=points[0]))
         elif point == 0 and not sweep:
             results.write("report.png", partial(campaign_distributions.write_report, campaign=loaded, found=found))
@@ -237,7 +237,7 @@ def _sum_up(loaded: Campaign, jobs: list[Job], store: Store, wall: float, result
         "rows": rows,
     }
     results.write("summary.json", partial(write_json, content=content))
-    for number, said in enumerate(points if together else []):
+    for number, said in enumerate(points if together and not sweep else []):
         out.print(tables.campaign([row for row in rows if row["point"] == number], said))
     flown = len(loaded.points) * loaded.trials
     out.print(f"\n{counted(flown, 'trial')} in {wall:.0f} s; largest process {peak:.0f} MiB")

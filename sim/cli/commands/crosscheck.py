@@ -105,7 +105,7 @@ def crosscheck(
 
 
 def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None, folder: Path | None, overwrite: bool) -> None:
-    from sim.report.crosscheck_agents import write_agents_picture
+    from sim.report.crosscheck.agents import write_agents_picture
 
     if loop is not None and loop not in loaded.loop_names:
         raise BadInput(f"--loop {loop}: no such loop; there are {', '.join(loaded.loop_names)}")
@@ -160,7 +160,7 @@ def _instants(loaded: Scenario, at: list[float] | None, usual: tuple[float, ...]
 
 
 def _write(files: ResultFiles, name: str, loaded: Scenario, found: CrossCheck, wall: float) -> None:
-    from sim.report.crosscheck import write_picture  # Matplotlib and Rerun take a second to import
+    from sim.report.crosscheck.one_body import write_picture  # Matplotlib and Rerun take a second to import
     from sim.rerun.crosscheck import write_crosscheck
 
     run, model = loaded.run, {"model": found.model.name, "thresholds": found.thresholds, "passed": found.passed}

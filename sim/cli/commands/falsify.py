@@ -45,7 +45,7 @@ def falsify(
     from sim.replay.log_columns import columns_of
     from sim.replay.log_file import LogFile
     from sim.replay.setting import setting
-    from sim.report.falsification import write_picture
+    from sim.report.logs.falsification import write_picture
     from sim.tables.falsification import candidates as table_of
 
     if strange := [name for name in axes or () if name not in AXES]:

@@ -70,7 +70,7 @@ def replay(
     from sim.replay.replay import Replayed
     from sim.replay.replay import replay as run_over
     from sim.replay.setting import choose, setting, why_not
-    from sim.report.replay import write_picture
+    from sim.report.logs.replay import write_picture
 
     file = LogFile.opened(log)
     said = file.about

@@ -98,6 +98,9 @@ def run(
         if unknown := named - OUTPUTS.keys():
             raise BadInput(f"{option} {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
     written = [output for key, output in OUTPUTS.items() if key in asked or (output.unasked and key not in (without or ()))]
+    for key in sorted(asked):
+        if why := OUTPUTS[key].missing(loaded):
+            raise BadInput(f"--also {key}: {why}")
     if (asked or live) and not record_trials:
         option = "--live shows" if not asked else "--export-log writes" if export_log else f"--also {min(asked)} writes"
         raise BadInput(f"{option} the recorded trials and --record-trials 0 records none")

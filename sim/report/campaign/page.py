@@ -42,7 +42,7 @@ def write_report(path: Path, campaign: Campaign, found: list[Distribution], poin
         figure.text(
             0.01,
             0.957,
-            f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | dispersed: {spread}"[:170],
+            f"{campaign.scenario}, {counted(campaign.trials, 'trial')} | dispersed: {spread}",
             fontsize=8,
             color="#5a6270",
         )

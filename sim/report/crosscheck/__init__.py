@@ -1,0 +1,1 @@
+"""Pictures of a cross-check, of one body and of several agents."""
