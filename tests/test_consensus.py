@@ -270,6 +270,10 @@ def test_the_files_of_the_chapter_are_complete(name):
         ({"loops": {"truth": {"type": "exact"}}}, "cannot be a loop's name"),
         ({"loops": {"a": {"type": "adaptive-law", "tick_s": 0.003}}}, "not a whole number"),
         ({"loops": {"a": {"type": "marginalised", "resampling": "none"}}}, "no resampling 'none'"),
+        (
+            {"loops": {"a": {"type": "marginalised", "sampled": "weights", "proposal": "likelihood"}}},
+            "no reading is of the weights themselves; 'likelihood' needs sampled = 'state'",
+        ),
         ({"plant": {"type": "agents", "step_s": 0.004}}, "not a whole number"),
         ({"faults": [{"kind": "dynamics", "start_s": 21.0, "gain": [1, 1]}]}, "faults.0"),
         ({"faults": [{"kind": "command", "start_s": 3.0, "end_s": 2.0}]}, "faults.0"),
