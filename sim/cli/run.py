@@ -22,6 +22,7 @@ from sim.campaign.worker_processes import WorkersLost
 from sim.cli.result_files import ResultFiles, interrupted_as
 from sim.cli.run_output import RunResult, numbers_of
 from sim.cli.terminal import Name, Overrides, Seed, Trials, err, load, out, output_folder
+from sim.faults.parts import FAMILIES
 from sim.loop.build import build
 from sim.loop.recorder import Recorder
 from sim.metrics.results import rows
@@ -97,6 +98,9 @@ def run(
     for option, named in (("--also", asked), ("--without", {*(without or ())})):
         if unknown := named - OUTPUTS.keys():
             raise BadInput(f"{option} {min(unknown)}: there is no such output; there are {', '.join(OUTPUTS)}")
+    for key in sorted(asked):
+        if (of := OUTPUTS[key].families) is not None and loaded.family not in of:
+            raise BadInput(f"--also {key}: is of {' and '.join(FAMILIES[family] for family in of)}; {name} is of {FAMILIES[loaded.family]}")
     written = [output for key, output in OUTPUTS.items() if key in asked or (output.unasked and key not in (without or ()))]
     if (asked or live) and not record_trials:
         option = "--live shows" if not asked else "--export-log writes" if export_log else f"--also {min(asked)} writes"

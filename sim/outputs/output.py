@@ -37,6 +37,7 @@ class Output:
       file: name of the file.
       write: puts it there; imports that take long belong inside.
       unasked: whether every run writes it.
+      families: of scenarios that have something to show there; None: all.
       hint: a further line to say where it is said to be: what to do with it, and the command, of the file's path.
     """
 
@@ -44,4 +45,5 @@ class Output:
     file: str
     write: Callable[[Path, Flown], None]
     unasked: bool = False
+    families: tuple[str, ...] | None = None
     hint: Callable[[Path], tuple[str, str]] | None = None
