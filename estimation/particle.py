@@ -49,7 +49,7 @@ class ParticleBelief(NamedTuple):
     log_weights: Array  # (..., particles), normalised
     ess: Array  # (...,) effective number of particles
     elapsed: Array  # (...,) s since the first reading
-    steps: Array  # (...,) how many since then
+    steps: NDArray[np.int64]  # (...,) how many since then
     lost: Array | None = None  # as in `Belief`: never any
     modes: Modes | None = None
 

@@ -26,7 +26,7 @@ from sim.loop.consensus import UnknownForce
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.metrics.results import rows
 from sim.plant.planar_agents import AgentsPlant
-from sim.report.learners import write_learners, write_weights
+from sim.report.agents.learners import write_learners, write_weights
 from sim.report.register import write_report
 from sim.rerun.agents.consensus import curves, weight_curves
 from sim.rerun.register import write_recording

@@ -8,7 +8,7 @@ from sim.outputs.output import Flown, Output
 
 
 def _write(path: Path, flown: Flown) -> None:
-    from sim.report.learners import write_learners
+    from sim.report.agents.learners import write_learners
 
     write_learners(path, flown.name, flown.scenario, flown.recordings)
 

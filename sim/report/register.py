@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sim.loop.recording import Recording
-from sim.report import antenna, consensus, formation, loops, page
+from sim.report import antenna, loops, page
+from sim.report.agents import consensus, formation
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import is_antenna
 

@@ -55,8 +55,7 @@ def write_learners(path: Path, name: str, scenario: ConsensusScenario, flown: Lo
         grid = figure.subplots(2 * len(rows), agents, sharex=True, squeeze=False)
         for row, (what, unit, of) in enumerate(rows):
             for axis in range(2):
-                for agent in range(agents):
-                    axes = grid[2 * row + axis, agent]
+                for agent, axes in enumerate(grid[2 * row + axis]):
                     drawn = {loop: of(one, agent, axis) for loop, one in shown.items() if row or loop not in _exact(shown)}
                     for loop, values in drawn.items():
                         axes.plot(shown[loop].time, values, lw=0.8, **looks[loop])
