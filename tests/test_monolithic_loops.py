@@ -285,6 +285,8 @@ WRONG = [
     ("fault-free", "observers.pf-matched.proposal=best", ["observers.pf-matched.proposal", "'extended' or 'unscented'"]),
     ("fault-free", "observers.pf-matched={type='pf',tuning='matched',proposal='likelihood',likelihood={type='student-t'}}",
      ["observers.pf-matched.proposal", "its weights depend on what was drawn"]),
+    ("fault-free", "observers.pf-matched={type='pf',tuning='matched',proposal='likelihood',measured='directions'}",
+     ["observers.pf-matched.proposal", "directions say more than an attitude has components"]),
     ("fault-free", "observers.pf-matched.resample_every=-1", ["observers.pf-matched.resample_every", "greater than or equal to 0"]),
     ("fault-free", "observers.aukf-matched.coordinates=multiplicative", ["observers.aukf-matched.coordinates", "'additive'"]),
     ("fault-free", "observers.aukf-matched.fading={type='constant',factor=0.5}",

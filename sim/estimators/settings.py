@@ -250,6 +250,8 @@ class Pf(ExtendedSettings):
         super().check(where, wheels)
         if self.measured == "directions" and self.likelihood.mixture is not None and self.proposal != "bootstrap":
             raise ValueError(f"{where}.proposal: directions and a likelihood that is not normal need 'bootstrap'")
+        if self.measured == "directions" and self.proposal == "likelihood":
+            raise ValueError(f"{where}.proposal: directions say more than an attitude has components, which 'likelihood' cannot draw")
         if self.likelihood.mixture is not None and self.proposal == "likelihood":
             raise ValueError(f"{where}.proposal: {MIXED}")
 

@@ -178,7 +178,7 @@ class ConsensusEffectors:
 def _channels(learns: bool, tick: int, now: Snapshot) -> dict[str, AnyArray]:
     """What is recorded of a tick, (trials, agents, ...); weights, the largest of it, in single precision and of loops that learn."""
     estimate: ConsensusEstimate = now.estimate
-    weights = {"weights": estimate.learned.weights.astype(np.float32)} if learns else {}
+    weights: dict[str, AnyArray] = {"weights": estimate.learned.weights.astype(np.float32)} if learns else {}
     return weights | {
         "truth/qpos": now.truth.qpos,
         "reading": now.reading,
