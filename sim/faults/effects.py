@@ -25,7 +25,7 @@ class Effect:
       each: it has an axis of agents, where there are several.
       flag: it is true or false.
       pulsation_rad_s: of the wave whose amplitude it is.
-      numbered: that wave is as many times as fast as the agent's number says.
+      numbered: its pulsation is multiplied by an agent's number.
     """
 
     name: str
