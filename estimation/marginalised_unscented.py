@@ -134,6 +134,7 @@ class MarginalisedUnscentedFilter:
       proposal: importance density.
       resampling: scheme.
       threshold: effective share of the particles below which they are resampled.
+      every: steps after which they are resampled whatever their weights, in place of the threshold; 0: there is no such schedule.
       points: sigma points of variant A.
       integrate: discretisation of variant A.
       measurement: model of a reading of the motion, and its noise.
@@ -151,9 +152,10 @@ class MarginalisedUnscentedFilter:
     parameter_variance: Array
     sampled: Sampled = "state"
     particles: int = 100
-    proposal: Literal["optimal", "prior"] = "optimal"
+    proposal: Literal["optimal", "prior", "likelihood"] = "optimal"
     resampling: Resampling = multinomial
     threshold: float = 0.8
+    every: int = 0
     points: SigmaPoints = field(default_factory=SigmaPoints)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
     measurement: MeasurementModel | None = None
@@ -181,6 +183,7 @@ class MarginalisedUnscentedFilter:
             "proposal": self.proposal,
             "resampling": self.resampling,
             "threshold": self.threshold,
+            "every": self.every,
             "measurement": self.measurement,
         }
         whole = self.measurement is None

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from estimation.gaussian import Detection, Modes, cholesky, innovate, no_detection, symmetrize
 from estimation.observation import begin, degrees_of_freedom, directly, observe, whole_state
-from estimation.proposals import Bootstrap, Optimal, ProcessNoise, Proposal, Through
-from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from estimation.proposals import Bootstrap, Likelihood, Optimal, ProcessNoise, Proposal, Through
+from estimation.resampling import Resampling, due, effective_sample_size, normalize, systematic
 from estimation.scale_mixture import ScaleMixture
 from estimation.state_space import Additive, StateSpace
 from models.attitude import quaternion
@@ -49,6 +49,7 @@ class ParticleBelief(NamedTuple):
     log_weights: Array  # (..., particles), normalised
     ess: Array  # (...,) effective number of particles
     elapsed: Array  # (...,) s since the first reading
+    steps: NDArray[np.int64]  # (...,) how many since then
     lost: Array | None = None  # as in `Belief`: never any
     modes: Modes | None = None
 
@@ -77,6 +78,7 @@ class ParticleFilter:
       proposal: importance density.
       resampling: scheme.
       threshold: effective share of the particles below which they are resampled.
+      every: steps after which they are resampled whatever their weights, in place of the threshold; 0: there is no such schedule.
       roughening: K of Gordon, Salmond & Smith (1993, sec. 3): after resampling each error coordinate is jittered with the deviation
         K (range of the copies) particles^(-1/e); 0: not at all.
       space: error coordinates of the state.
@@ -101,6 +103,7 @@ class ParticleFilter:
     proposal: Proposal = field(default_factory=Optimal)
     resampling: Resampling = systematic
     threshold: float = 0.5
+    every: int = 0
     roughening: float = 0.0
     space: StateSpace = field(default_factory=Additive)
     integrate: Callable[[ProcessModel, Array, Array, float], Array] = runge_kutta
@@ -111,12 +114,16 @@ class ParticleFilter:
     annealing_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.roughening >= 0.0):
-            settings = f"particles = {self.particles}, threshold = {self.threshold:g}, roughening = {self.roughening:g}"
-            raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, roughening >= 0")
+        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.every >= 0 and self.roughening >= 0.0):
+            settings = (
+                f"particles = {self.particles}, threshold = {self.threshold:g}, every = {self.every}, roughening = {self.roughening:g}"
+            )
+            raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, every >= 0, roughening >= 0")
         model = self.measurement_model  # so that bad settings are refused here
         if self.mixture is not None and not isinstance(self.proposal, Bootstrap) and not self._reads_linearly(model):
             raise ValueError("a mixture and a reading that is not linear in the state's errors need the bootstrap proposal")
+        if self.mixture is not None and isinstance(self.proposal, Likelihood):
+            raise ValueError("a mixture cannot be drawn from by the likelihood proposal: its weights depend on what was drawn")
         if self.start != "reading" and self.space.attitude == "rotation":
             raise ValueError(f"particles that start {self.start} need errors of an attitude by components")
 
@@ -148,7 +155,7 @@ class ParticleFilter:
             scattered = np.broadcast_to(quaternion.normalize(draws.normals[..., ATTITUDE]), particles[..., ATTITUDE].shape)
             particles = np.concatenate([scattered, particles[..., 4:]], axis=-1)
         ess = np.full(lead, float(self.particles))
-        return ParticleBelief(*first[:-3], particles, log_weights, ess, np.zeros(lead))
+        return ParticleBelief(*first[:-3], particles, log_weights, ess, np.zeros(lead), np.zeros(lead, dtype=np.int64))
 
     def step(self, belief: ParticleBelief, command: Array, measurement: Array, dt: float, draws: Draws) -> ParticleBelief:
         """Predict over `dt` seconds of `command` (..., r), then correct with `measurement` (..., m).
@@ -199,6 +206,7 @@ class ParticleFilter:
             log_weights=log_weights,
             ess=effective_sample_size(log_weights),
             elapsed=belief.elapsed + dt,
+            steps=belief.steps + 1,
         )
 
     def _through(self, reading: Array, centre: Array, sensitivity: Array) -> Through:
@@ -210,7 +218,11 @@ class ParticleFilter:
         def innovations(errors: Array) -> Array:
             return model.residual(reading[..., None, :], model.predict(space.displace(centre[..., None, :], errors)))
 
-        return Through(sensitivity, innovations)
+        def sensitivities(errors: Array) -> Array:
+            states = space.displace(centre[..., None, :], errors)
+            return space.sensitivity(model.jacobian(states), states)
+
+        return Through(sensitivity, innovations, sensitivities)
 
     def _move(self, particles: Array, command: Array, dt: float) -> Array:
         """Particles after `dt` seconds of `command`; in blocks, so that intermediate states stay in the processor's cache."""
@@ -220,7 +232,7 @@ class ParticleFilter:
 
     def _resample(self, belief: ParticleBelief, draws: Draws) -> tuple[Array, Array]:
         """Particles and log weights, resampled in those trials where too few count."""
-        few = belief.ess < self.threshold * self.particles
+        few = due(belief.ess, belief.steps, self.threshold * self.particles, self.every)
         if not few.any():
             return belief.particles, belief.log_weights
         shape = belief.log_weights.shape

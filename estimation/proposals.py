@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize
+from estimation.sigma_points import SigmaPoints
 from models.dynamics.state_layout import ATTITUDE, RATE
 
 Array = NDArray[np.floating]
@@ -79,6 +80,7 @@ class Through(NamedTuple):
 
     sensitivity: Array  # H, (..., d, e), at the state from which errors are seen
     innovations: Callable[[Array], Array] | None = None  # of errors (..., particles, e), reading minus h, (..., particles, d); None: linear
+    sensitivities: Callable[[Array], Array] | None = None  # H at errors (..., particles, e), (..., particles, d, e); None: linear
 
 
 class Proposal(Protocol):
@@ -151,7 +153,144 @@ class Optimal:
         return moved, _log_density(_innovations(moved, reading, through), of_noise, factor) + ratio
 
 
-PROPOSALS: dict[str, Proposal] = {"bootstrap": Bootstrap(), "optimal": Optimal()}
+class Likelihood:
+    """The likelihood of what is read, and the transition density of the rest given that (Fox, Thrun, Burgard & Dellaert 2001).
+
+    The components y = H x that are read are drawn from N(z, R) whatever was predicted, the others from p(x_k | x_k-1, y), and particles
+    weigh by p(y | x_k-1), which needs process noise in all that is read, H Q H' being regular. Good where readings are much better
+    than predictions, hopeless where they are worse: then hardly a particle is where the model can have brought it. Where the reading
+    is not linear in the error, H is that of the state from which errors are seen, and the ratio of densities makes up for it.
+    """
+
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
+        """Draw what is read from the reading, then weigh by whether the model can have come there.
+
+        Raises:
+          LostDefiniteness: H Q H' is not positive definite.
+        """
+        seen = ~np.isnan(reading)
+        read = root if through is None else through.sensitivity @ root  # H L
+        whitening, _ = _whitening(read @ read.swapaxes(-1, -2), seen)
+        towards = whitening @ read  # W H L, whose rows are orthonormal
+        gain = towards.swapaxes(-1, -2) @ whitening  # of multiples of L
+        both = seen[..., :, None] & seen[..., None, :]
+        keep = np.eye(root.shape[-1]) - towards.swapaxes(-1, -2) @ towards  # its square, as in Joseph's form: nothing small is a difference
+        covariance = keep @ keep.swapaxes(-1, -2) + gain @ np.where(both, noise, 0.0) @ gain.swapaxes(-1, -2)
+        innovations = _innovations(errors, reading, through)
+        mean = innovations @ gain.swapaxes(-1, -2)
+        return _drawn(errors, reading, root, noise, normals, through, mean, cholesky(symmetrize(covariance))[..., None, :, :])
+
+
+class Extended:
+    """One step of an extended Kalman filter for every particle (van der Merwe, Doucet, de Freitas & Wan 2000; Doucet et al. 2000, II-D.3).
+
+    As `Optimal`, but the reading is linearised where each particle is expected, not at one state for all: of particles that lie far
+    apart each looks its own way. A particle being a state and no Gaussian, what is spread is the process noise alone. Where the filter
+    of a particle also carries its covariance from step to step, as in the cited paper, the density is wider than that of what it is
+    to find, p(x_k | x_k-1, z_k): with a linear reading it is not the optimal one any more. It is `Optimal` itself here.
+    """
+
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
+        """Correct every particle by the reading, spread it by what is left of the process noise, and weigh by the ratio of densities."""
+        if through is None or through.innovations is None or through.sensitivities is None:
+            return OPTIMAL.propose(errors, reading, root, noise, normals, through)
+        read = through.sensitivities(errors) @ root[..., None, :, :]  # H L of each
+        return _corrected(
+            errors, reading, root, noise, normals, through, _innovations(errors, reading, through), read, noise[..., None, :, :]
+        )
+
+
+class Unscented:
+    """One step of an unscented Kalman filter for every particle: the unscented particle filter (van der Merwe et al. 2000).
+
+    As `Extended`, but the process noise of each particle goes through the reading by sigma points, without a Jacobian: the linearisation
+    is that of least squares over the spread, and what it leaves over widens R. Where the reading is linear it is `Optimal`.
+
+    Attributes:
+      points: how sigma points are drawn.
+    """
+
+    def __init__(self, points: SigmaPoints | None = None) -> None:
+        self.points = points or SigmaPoints(alpha=1.0)
+
+    def propose(
+        self, errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None = None
+    ) -> tuple[Array, Array]:
+        """Correct every particle by the reading, spread it by what is left of the process noise, and weigh by the ratio of densities."""
+        if through is None or through.innovations is None:
+            return OPTIMAL.propose(errors, reading, root, noise, normals, through)
+        offsets = self.points.offsets(root)[..., None, :, :]  # the same for all particles
+        cloud = errors[..., :, None, :] + offsets
+        flat = cloud.reshape(*cloud.shape[:-3], -1, cloud.shape[-1])
+        innovations = _innovations(flat, reading, through).reshape(*cloud.shape[:-1], reading.shape[-1])
+        centre, size = innovations[..., 0, :], root.shape[-1]
+        apart = centre[..., None, :] - innovations[..., 1:, :]  # h there minus h at the particle
+        mean, spread = self.points.moments(apart)
+        slope = (apart[..., :size, :] - apart[..., size:, :]) / (2.0 * self.points.alpha * np.sqrt(size + self.points.kappa))  # (H L)'
+        read = slope.swapaxes(-1, -2)
+        beyond = spread - read @ slope
+        return _corrected(errors, reading, root, noise, normals, through, centre - mean, read, noise[..., None, :, :] + beyond)
+
+
+OPTIMAL = Optimal()
+PROPOSALS: dict[str, Proposal] = {
+    "bootstrap": Bootstrap(),
+    "optimal": OPTIMAL,
+    "likelihood": Likelihood(),
+    "extended": Extended(),
+    "unscented": Unscented(),
+}
+
+
+def _corrected(
+    errors: Array,
+    reading: Array,
+    root: Array,
+    noise: Array,
+    normals: Array,
+    through: Through | None,
+    innovations: Array,
+    read: Array,
+    own: Array,
+) -> tuple[Array, Array]:
+    """Particles by a linearisation of their own: H L (..., particles, d, e) and noise (..., particles, d, d) of each, and innovations."""
+    seen = ~np.isnan(reading)[..., None, :]
+    across, _ = _whitening(read @ read.swapaxes(-1, -2) + own, seen)
+    mean = _times(read.swapaxes(-1, -2) @ across.swapaxes(-1, -2) @ across, innovations)
+    inner = _whitening(own, seen)[0] @ read
+    left = cholesky(symmetrize(np.eye(root.shape[-1]) + inner.swapaxes(-1, -2) @ inner))
+    return _drawn(errors, reading, root, noise, normals, through, mean, np.linalg.inv(left).swapaxes(-1, -2))
+
+
+def _drawn(
+    errors: Array, reading: Array, root: Array, noise: Array, normals: Array, through: Through | None, mean: Array, factor: Array
+) -> tuple[Array, Array]:
+    """Particles displaced by L u, u being Gaussian, weighed by p(z_k | x_k) p(x_k | x_k-1) / q(x_k).
+
+    Args:
+      errors: as for `Proposal.propose`.
+      reading: likewise.
+      root: likewise.
+      noise: likewise.
+      normals: likewise.
+      through: likewise.
+      mean: of u, (..., particles, e).
+      factor: of its covariance C C', triangular, (..., particles or 1, e, e).
+    """
+    drawn = mean + (normals @ factor[..., 0, :, :].swapaxes(-1, -2) if factor.shape[-3] == 1 else _times(factor, normals))
+    moved = errors + drawn @ root.swapaxes(-1, -2)
+    log_det = np.sum(np.log(np.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
+    ratio = 0.5 * (_square(normals) - _square(drawn)) + log_det
+    whitening, constant = _whitening(noise, ~np.isnan(reading))
+    return moved, _log_density(_innovations(moved, reading, through), whitening, constant) + ratio
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]
 
 
 def _innovations(errors: Array, reading: Array, through: Through | None) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimation.block_reading import Block, BlockReading, linear_reading, linearised_reading
 from estimation.gaussian import LOG_TWO_PI, cholesky, symmetrize, weighted
 from estimation.particle import moments
-from estimation.resampling import Resampling, effective_sample_size, normalize, systematic
+from estimation.resampling import Resampling, due, effective_sample_size, normalize, systematic
 from models.dynamics.measurement import MeasurementModel
 
 Array = NDArray[np.floating]
@@ -60,6 +60,7 @@ class BlockBelief(NamedTuple):
     log_weights: Array  # (..., particles), normalised
     ess: Array  # (...,) effective number of particles
     log_likelihood: Array  # (...,) of the reading given the ones before
+    steps: NDArray[np.int64]  # (...,) since the first reading
 
     @property
     def sampled_mean(self) -> Array:
@@ -97,7 +98,9 @@ class RaoBlackwellisedFilter:
 
     With the optimal proposal particles are drawn from p(s_k | s_1:k-1, z_1:k) and weighed by p(z_k | s_1:k-1, z_1:k-1), both in closed
     form; with the prior one they are drawn from p(s_k | s_1:k-1, z_1:k-1) and weighed by p(z_k | s_1:k, z_1:k-1). Where the reading is not
-    linear the optimal one is but near: particles then weigh by p(z_k | s_1:k, z_1:k-1) times what they were drawn too seldom.
+    linear the optimal one is but near: particles then weigh by p(z_k | s_1:k, z_1:k-1) times what they were drawn too seldom. It is
+    linearised at every particle, by an extended Kalman filter's step. With the likelihood what is read of s_k is drawn from N(z, R)
+    whatever was predicted, the rest as the model has it then: of a reading of the sampled block alone.
 
     Attributes:
       model: of both blocks.
@@ -108,11 +111,12 @@ class RaoBlackwellisedFilter:
       proposal: importance density.
       resampling: scheme.
       threshold: effective share of the particles below which they are resampled.
+      every: steps after which they are resampled whatever their weights, in place of the threshold; 0: there is no such schedule.
       measurement: model of the reading and its noise, of blocks whose errors are counted by components.
       measured: what it is a model of, a block or both.
 
     Raises:
-      ValueError: settings out of range, or neither H_s and R nor `measurement`, or both.
+      ValueError: settings out of range, or neither H_s and R nor `measurement`, or both; the likelihood of a reading of both blocks.
     """
 
     model: ConditionalModel
@@ -120,18 +124,23 @@ class RaoBlackwellisedFilter:
     by_conditional: Array | None
     measurement_noise: Array | None
     particles: int = 100
-    proposal: Literal["optimal", "prior"] = "optimal"
+    proposal: Literal["optimal", "prior", "likelihood"] = "optimal"
     resampling: Resampling = systematic
     threshold: float = 0.5
+    every: int = 0
     measurement: MeasurementModel | None = None
     measured: Block = "both"
 
     def __post_init__(self) -> None:
-        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0):
-            raise ValueError(f"particles = {self.particles}, threshold = {self.threshold:g}: need particles >= 2, 0 <= threshold <= 1")
+        if not (self.particles >= 2 and 0.0 <= self.threshold <= 1.0 and self.every >= 0):
+            settings = f"particles = {self.particles}, threshold = {self.threshold:g}, every = {self.every}"
+            raise ValueError(f"{settings}: need particles >= 2, 0 <= threshold <= 1, every >= 0")
         given = (self.by_sampled is not None, self.measurement_noise is not None)
         if given != ((self.measurement is None),) * 2:
             raise ValueError("the filter needs one of the two: by_sampled and measurement_noise, or measurement, a model of the reading")
+        of_sampled = self.by_conditional is None if self.measurement is None else self.measured == "sampled"
+        if self.proposal == "likelihood" and not of_sampled:
+            raise ValueError("the likelihood proposal needs a reading of the sampled block alone")
 
     def initial(self, sampled: Array, spread: Array, mean: Array, covariance: Array, draws: BlockDraws) -> BlockBelief:
         """Particles around `sampled` (..., s) with covariance `spread`, each with the Gaussian `mean` (..., c), `covariance`."""
@@ -145,6 +154,7 @@ class RaoBlackwellisedFilter:
             log_weights=np.full(lead, -np.log(self.particles)),
             ess=np.full(lead[:-1], float(self.particles)),
             log_likelihood=np.zeros(lead[:-1]),
+            steps=np.zeros(lead[:-1], dtype=np.int64),
         )
 
     def step(self, belief: BlockBelief, command: Array, reading: Array, dt: float, draws: BlockDraws) -> BlockBelief:
@@ -161,6 +171,8 @@ class RaoBlackwellisedFilter:
         root: Array | None = None
         if self.proposal == "optimal":
             sampled, gained, root = _look_ahead(joint, seen, draws.normals)
+        elif self.proposal == "likelihood":
+            sampled, root = _as_read(joint, seen, draws.normals)
         else:
             sampled = joint.sampled + _times(cholesky(joint.spread), draws.normals)
         mean, covariance = _given_sampled(joint, sampled)
@@ -173,10 +185,10 @@ class RaoBlackwellisedFilter:
             mean, covariance, seen_late = _correct(mean, covariance, residual, missing, by_conditional, noise)
         if root is None:
             gained = seen_late
-        elif not linear:
+        elif not linear or self.proposal == "likelihood":
             gained = seen_late + _log_ratio(joint, sampled, root, draws.normals)
         log_weights, log_likelihood = normalize(belief.log_weights + gained)
-        return BlockBelief(sampled, mean, covariance, log_weights, effective_sample_size(log_weights), log_likelihood)
+        return BlockBelief(sampled, mean, covariance, log_weights, effective_sample_size(log_weights), log_likelihood, belief.steps + 1)
 
     def _read(self, reading: Array, sampled: Array, conditional: Array) -> BlockReading:
         """A reading (..., m), linearised at both blocks where it must be."""
@@ -188,7 +200,7 @@ class RaoBlackwellisedFilter:
 
     def _resample(self, belief: BlockBelief, uniforms: Array) -> BlockBelief:
         """Particles with their Gaussians, resampled in those trials where too few count."""
-        few = belief.ess < self.threshold * self.particles
+        few = due(belief.ess, belief.steps, self.threshold * self.particles, self.every)
         if not few.any():
             return belief
         shape = belief.log_weights.shape
@@ -226,6 +238,18 @@ def _look_ahead(joint: Joint, reading: BlockReading, normals: Array) -> tuple[Ar
     root = cholesky(left)
     drawn = joint.sampled + _times(gain, residual) + _times(root, normals)
     return drawn, _log_density(residual, innovation, missing), root
+
+
+def _as_read(joint: Joint, reading: BlockReading, normals: Array) -> tuple[Array, Array]:
+    """Sampled blocks whose read part is drawn from the reading, (..., particles, s), and the factor of their covariance."""
+    value, missing, by_sampled, _, noise = reading
+    shared = joint.spread @ by_sampled.swapaxes(-1, -2)
+    predicted = symmetrize(by_sampled @ shared) + missing[..., None] * np.eye(value.shape[-1])
+    gain = weighted(predicted, shared.swapaxes(-1, -2)).swapaxes(-1, -2)
+    residual = np.where(missing, 0.0, value - _times(by_sampled, joint.sampled))
+    keep = np.eye(normals.shape[-1]) - gain @ by_sampled
+    root = cholesky(symmetrize(keep @ joint.spread @ keep.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)))
+    return joint.sampled + _times(gain, residual) + _times(root, normals), root
 
 
 def _log_ratio(joint: Joint, sampled: Array, root: Array, normals: Array) -> Array:

@@ -23,6 +23,20 @@ def effective_sample_size(log_weights: Array) -> Array:
     return 1.0 / np.sum(np.exp(2.0 * log_weights), axis=-1)
 
 
+def due(ess: Array, steps: NDArray[np.int64], fewest: float, every: int) -> NDArray[np.bool_]:
+    """Whether it is time to resample, (...,): by a deterministic schedule, every so many steps, or where too few particles count.
+
+    Args:
+      ess: effective number of particles, (...,).
+      steps: since the first reading, (...,).
+      fewest: effective number below which particles are resampled where there is no schedule.
+      every: steps from one resampling to the next (Rososhansky 2017, sec. 2.8); 0: there is no schedule.
+    """
+    if every:
+        return np.asarray((steps > 0) & (steps % every == 0))
+    return np.asarray(ess < fewest)
+
+
 def normalize(log_weights: Array) -> tuple[Array, Array]:
     """Log weights that sum to one, (..., particles), and the logarithm of what they summed to, (...).
 

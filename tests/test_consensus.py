@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
@@ -25,7 +26,9 @@ from sim.loop.consensus import UnknownForce
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.metrics.results import rows
 from sim.plant.planar_agents import AgentsPlant
+from sim.report.agents.learners import write_learners, write_weights
 from sim.report.register import write_report
+from sim.rerun.agents.consensus import curves, weight_curves
 from sim.rerun.register import write_recording
 from sim.scenario.catalogue import SCENARIOS
 from sim.scenario.consensus import ConsensusScenario
@@ -170,6 +173,21 @@ def test_a_trial_is_the_same_to_the_bit_in_any_batch(ticks, companies):
                 np.testing.assert_array_equal(values, other[loop].channels[key], err_msg=f"{loop} {key}")
 
 
+def test_the_recorded_weights_are_those_of_what_was_learned():
+    """W phi of the recorded W and motion, by NumPy's Chebyshev polynomials, is what the loop took for f + d."""
+    settings = scenario("fault-free", 12, ("exact", "none", "adtl", "aukf", "mupf-b"))
+    kept = simulate(settings, np.arange(2), np.arange(2)).recordings
+    assert {loop for loop, one in kept.items() if "weights" in one.channels} == {"adtl", "aukf", "mupf-b"}
+    for loop in ("adtl", "aukf", "mupf-b"):
+        weights, motion = kept[loop].channels["weights"], kept[loop].channels["estimate"]
+        assert weights.shape == (12, 2, 6, 26)
+        powers = np.polynomial.chebyshev.chebvander(motion, 3)  # (..., inputs, 1 + 3)
+        basis = np.concatenate([np.ones((*motion.shape[:-1], 1)), powers[..., 1:].reshape(*motion.shape[:-1], 12)], axis=-1)
+        learned = np.stack([np.sum(weights[..., :13] * basis, axis=-1), np.sum(weights[..., 13:] * basis, axis=-1)], axis=-1)
+        np.testing.assert_allclose(learned, kept[loop].channels["learned"], rtol=1e-5, atol=1e-5)
+        assert np.abs(weights[-1]).max() > 0.01
+
+
 def test_a_trial_that_is_lost_drifts_away_and_fails_nothing():
     wild = {"type": "marginalised", "sampled": "weights", "proposal": "prior", "particles": 10, "first_weight_std": 3.0}
     settings = scenario("fault-free", 600, loops={"wild": wild})
@@ -270,6 +288,10 @@ def test_the_files_of_the_chapter_are_complete(name):
         ({"loops": {"truth": {"type": "exact"}}}, "cannot be a loop's name"),
         ({"loops": {"a": {"type": "adaptive-law", "tick_s": 0.003}}}, "not a whole number"),
         ({"loops": {"a": {"type": "marginalised", "resampling": "none"}}}, "no resampling 'none'"),
+        (
+            {"loops": {"a": {"type": "marginalised", "sampled": "weights", "proposal": "likelihood"}}},
+            "no reading is of the weights themselves; 'likelihood' needs sampled = 'state'",
+        ),
         ({"plant": {"type": "agents", "step_s": 0.004}}, "not a whole number"),
         ({"faults": [{"kind": "dynamics", "start_s": 21.0, "gain": [1, 1]}]}, "faults.0"),
         ({"faults": [{"kind": "command", "start_s": 3.0, "end_s": 2.0}]}, "faults.0"),
@@ -293,5 +315,21 @@ def test_pictures_and_tables_are_written(tmp_path):
     write_report(tmp_path / "report.png", "consensus/command-fault", settings, kept)
     write_recording(tmp_path / "recording.rrd", "consensus/command-fault", settings, kept, settings.model_dump(mode="json"))
     assert all((tmp_path / name).stat().st_size > 10_000 for name in ("report.png", "recording.rrd"))
+    first = {loop: one.select(np.array([0])) for loop, one in kept.items()}
+    drawn = {curve.path for curve in (*curves(settings, first), *weight_curves(settings, first))}
+    for agent in range(1, 7):
+        assert {f"learners/{what}/{axis}/agent_{agent}" for what in ("dynamics", "command", "error") for axis in "xy"} <= drawn
+        assert {path for path in drawn if path.startswith("weights/") and path.endswith(f"_{agent}")} == {f"weights/aukf/agent_{agent}"}
     assert settings.warnings() == []
     assert "mupf-b" in scenario("fault-free").warnings()[0]
+
+
+def test_every_loop_and_all_weights_are_drawn(tmp_path):
+    settings = scenario("fault-free", 20, ("none", "aukf"), plant={"type": "agents", "agents": 2})
+    kept = simulate(settings, np.arange(1), np.arange(1)).recordings
+    write_learners(tmp_path / "learners.png", "consensus/fault-free", settings, kept)
+    write_weights(tmp_path / "weights.png", "consensus/fault-free", settings, kept)
+    write_weights(tmp_path / "none.png", "consensus/fault-free", settings, {"none": kept["none"]})  # nothing learns: nothing fails
+    ink = [float((imread(tmp_path / f"{name}.png")[..., :3].mean(axis=-1) < 0.9).mean()) for name in ("learners", "weights", "none")]
+    assert min(ink[:2]) > 0.01
+    assert 0.001 < ink[2] < ink[1]

@@ -122,6 +122,7 @@ LAID: dict[str, list[tuple[str, dict, dict[Effect, np.ndarray]]]] = {
     "periodic-torque": [
         ("body", {"amplitude_nm": 0.5, "pulsation_rad_s": 2.0}, {wave(2.0): np.array([0.5])}),
         ("formation", {"agents": [2], "amplitude_nm": 0.5}, {wave(1.0): but((3, 1), 0.0, (SECOND, 0.5))}),
+        ("formation", {"agents": [2], "amplitude_nm": 0.5, "by_agent": True}, {wave(1.0, True): but((3, 1), 0.0, (SECOND, 0.5))}),
     ],
     "uniform-torque": [("body", {"amplitude_nm": 0.0}, {effects.PUSH: np.zeros(3)}), ("formation", {"amplitude_nm": 0.0}, {})],
     "external-force": [("consensus", {"agents": [2], "force_n": [1, 2]}, {effects.PUSH: but((3, 2), 0.0, (SECOND, [1, 2]))})],
@@ -265,6 +266,22 @@ def test_a_periodic_torque_is_one_of_the_time_since_the_start_of_the_run():
     assert not pushed[30:].any()
 
 
+def test_a_periodic_torque_by_agent_is_as_many_times_as_fast_as_the_agents_number_says():
+    """Rososhansky 2017, sec. 4.2: 0.1 [sin(it), cos(it), sin(2it)]; another besides it has one pulsation for all."""
+    own = fault(kind="periodic-torque", amplitude_nm=0.1, by_agent=True)
+    shared = fault(kind="periodic-torque", amplitude_nm=0.3, agents=[3])
+    timeline = laid(own, shared, parts=PARTS["formation"])
+    time = DT * np.arange(10, 30)
+    pushed = np.array([timeline.push(k)[0] for k in range(TICKS)])
+    for i in (1, 2, 3):
+        wanted = 0.1 * np.stack([np.sin(i * time), np.cos(i * time), np.sin(2 * i * time)], axis=-1)
+        if i == 3:
+            wanted += 0.3 * np.stack([np.sin(time), np.cos(time), np.sin(2 * time)], axis=-1)
+        np.testing.assert_allclose(pushed[10:30, i - 1], wanted, atol=1e-15)
+    assert not pushed[:10].any()
+    assert not pushed[30:].any()
+
+
 # draws ----------------------------------------------------------------------------------------------------------------------
 
 
@@ -355,6 +372,7 @@ BAD = [
     ("body", {"kind": "bias", "size": 1, **T, "shape": "intermittent", "period_s": 1, "duty": 2}, "duty: can be 2; must be from 0 to 1"),
     ("body", {"kind": "drop-out", **T, "shape": "ramp"}, "drop-out cannot be a ramp; it can be step or intermittent"),
     ("body", {"kind": "bias", "size": 1, **T, "agents": [1]}, "the plant is one body; leave agents out"),
+    ("body", {"kind": "periodic-torque", "amplitude_nm": 1, **T, "by_agent": True}, "the plant is one body; leave by_agent out"),
     ("formation", {"kind": "bias", "size": 1, **T, "agents": [7]}, "there is no agent 7; there are 6"),
     ("formation", {"kind": "bias", "size": 1, **T, "agents": []}, "needs 1 value or more"),
     ("formation", {"kind": "bias", "size": 1, **T, "sensor": "gyro"}, "there is no sensor 'gyro'; there are attitude, or 'all'"),

@@ -199,6 +199,16 @@ def test_a_periodic_and_a_random_torque_act_on_an_agent():
         assert np.delete(apart, 1).max() == 0.0
 
 
+def test_a_torque_by_agent_moves_each_as_its_own_number_says():
+    """Agents 1 and 5 are disturbed as by torques of one and of five times the pulsation that are theirs alone."""
+    torque = {"kind": "periodic-torque", "amplitude_nm": 0.05}
+    both = flown("formation/fault-free", torque | {"agents": [1, 5], "by_agent": True}, loop="truth").channels["truth/state"]
+    apart = flown("formation/fault-free", torque | {"agents": [1]}, torque | {"agents": [5], "pulsation_rad_s": 5.0}, loop="truth")
+    np.testing.assert_allclose(both, apart.channels["truth/state"], rtol=0.0, atol=1e-14)
+    alike = flown("formation/fault-free", torque | {"agents": [1, 5]}, loop="truth").channels["truth/state"]
+    assert np.abs(both - alike)[:, :, 4].max() > 1e-6
+
+
 @pytest.mark.parametrize("name", ["nacs/fault-free", "monolithic/fault-free"])
 def test_more_inertia_is_added_to_each_trials_own(name):
     added = [1e-3, 1e-3, 1e-3] if name.startswith("nacs") else [1.0, 1.0, 1.0]

@@ -364,6 +364,7 @@ def test_every_scenario_is_valid_and_names_its_source(path: Path):
         ({"faults": [{"kind": "command", "start_s": 0.0, "end_s": 1.0, "agents": [8], "torque_nm": [0, 0, 0]}]}, "there is no agent 8"),
         ({"faults": [{"kind": "inertia", "start_s": 0.0, "end_s": 1.0, "add_kg_m2": [9.0, 0.0, 0.0]}]}, "no rigid body has the inertia"),
         ({"observers": {"truth": {"type": "aukf"}}}, "means something else"),
+        ({"observers": {"a": {"type": "pf", "proposal": "likelihood", "likelihood": {"type": "student-t"}}}}, "depend on what was drawn"),
         ({"plant": {"type": "formation", "believed_inertia_kg_m2": [[1, 1, 1, 0, 0, 0]]}}, "6 agents, but 1 believed"),
         ({"run": {"ticks": 5, "tick_s": 0.015, "trials": 1, "seed": 1}}, "whole number of physics steps"),
     ],

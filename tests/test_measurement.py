@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from scipy.linalg import expm
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
 from estimation.adaptive_unscented import AdaptiveUnscentedFilter
 from estimation.extended_kalman import ExtendedFilter
@@ -15,7 +17,7 @@ from estimation.interacting_multiple_model import InteractingMultipleModel
 from estimation.nis_switching import SwitchedGain, Windowed
 from estimation.observation import begin, observe_by_points
 from estimation.particle import Draws, ParticleFilter
-from estimation.proposals import PROPOSALS, ConstantNoise
+from estimation.proposals import PROPOSALS, ConstantNoise, Likelihood
 from estimation.sigma_points import SigmaPoints
 from estimation.sliding_innovation import SlidingGain, sliding_gain
 from estimation.stacking import stack, stackable
@@ -351,11 +353,17 @@ def test_sigma_points_through_a_linear_function_leave_nothing_over(alpha):
 
 # particles ---------------------------------------------------------------------------------------------------------------------
 
-every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
+# extended and unscented are the optimal one where a reading is linear: see below
+DENSITIES = {name: PROPOSALS[name] for name in ("bootstrap", "optimal", "likelihood")}
+every_proposal = pytest.mark.parametrize("proposal", DENSITIES.values(), ids=DENSITIES.keys())
 
 
 LOUD = 1e3 * Q  # so that what is not read is not told from the first particles alone
 LOUD_LINEAR = {"part": PartOfState([2, 0], 4, 10.0 * R), "sums": Sums(MIXED, 10.0 * R)}
+SHARP_LINEAR = {
+    "part": PartOfState([2, 0], 4, 0.1 * R),
+    "sums": Sums(MIXED, 0.1 * R),
+}  # better than predictions
 
 
 def cloud(model: Any, particles: int, proposal: Any) -> ParticleFilter:
@@ -386,14 +394,15 @@ def off_kalman(model: Any, proposal: Any, particles: int, trials: int = 64, tick
 @every_proposal
 @pytest.mark.parametrize("name", ["part", "sums"])
 def test_particles_come_to_the_kalman_filter_with_the_root_of_their_number(proposal, name):
-    few, many = (np.sqrt(np.mean(off_kalman(LOUD_LINEAR[name], proposal, particles) ** 2)) for particles in (200, 12_800))
+    model = (SHARP_LINEAR if isinstance(proposal, Likelihood) else LOUD_LINEAR)[name]
+    few, many = (np.sqrt(np.mean(off_kalman(model, proposal, particles) ** 2)) for particles in (200, 12_800))
     assert many < 0.1
     assert few / many == pytest.approx(8.0, rel=0.35)
 
 
-@every_proposal
+@pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
 def test_a_linear_function_weighs_alike_whether_it_is_said_to_be_linear_or_not(proposal):
-    """The ratio of densities of the linearised proposal is p(z_k | x_k-1) exactly where h is linear."""
+    """The ratio of densities of the linearised proposals is p(z_k | x_k-1) exactly where h is linear."""
     command, readings = linear_run(LINEAR["sums"], 12)
     beliefs = []
     for said in (True, False):
@@ -434,6 +443,77 @@ def test_a_nonlinear_reading_leaves_the_posterior_that_a_grid_has():
         noise = 4.0 * np.sqrt(1.0 / belief.ess)
         assert belief.mean[0] == pytest.approx(mean, abs=noise * np.sqrt(square - mean**2))
         assert belief.covariance[0, 0] == pytest.approx(square - mean**2, abs=2.0 * noise)
+
+
+@pytest.mark.parametrize("name", ["extended", "unscented"])
+def test_a_filter_for_every_particle_is_the_optimal_density_where_the_reading_is_linear(name):
+    """van der Merwe et al. against Doucet et al. (both 2000): a Kalman filter's step from a known state is p(x_k | x_k-1, z_k)."""
+    command, readings = linear_run(LINEAR["sums"], 8)
+    beliefs = []
+    for model, proposal in ((Sums(MIXED, R, True), "optimal"), (Sums(MIXED, R), name)):
+        rng, ours = np.random.default_rng(10), cloud(model, 60, PROPOSALS[proposal])
+        belief = ours.initial(readings[0], draws(rng, (3,), 60, 4))
+        for k in range(1, 8):
+            belief = ours.step(belief, command[k - 1], readings[k], DT, draws(rng, (3,), 60, 4))
+        beliefs.append(belief)
+    np.testing.assert_allclose(beliefs[1].particles, beliefs[0].particles, atol=1e-9)
+    np.testing.assert_allclose(beliefs[1].log_weights, beliefs[0].log_weights, atol=1e-8)
+
+
+def test_the_likelihood_proposal_draws_what_is_read_and_weighs_it_by_the_model():
+    """Of many particles H x is N(z, R), one component of z missing; weights are N(H x; H f, H Q H'), by SciPy."""
+    rng = np.random.default_rng(21)
+    ours, many = cloud(Sums(MIXED, R, True), 40_000, PROPOSALS["likelihood"]), 40_000
+    before = ours.initial(np.array([0.3, -0.2]), draws(rng, (), many, 4))
+    for reading in (np.array([0.4, -0.1]), np.array([0.4, np.nan])):
+        seen = ~np.isnan(reading)
+        belief = ours.step(before, np.zeros(1), reading, DT, draws(rng, (), many, 4))
+        rows = MIXED[seen]
+        read = belief.particles @ rows.T
+        np.testing.assert_allclose(read.mean(axis=0), reading[seen], atol=5.0 * np.sqrt(R.max() / many))
+        np.testing.assert_allclose(np.atleast_2d(np.cov(read.T)), R[np.ix_(seen, seen)], atol=0.05 * R.max())
+        expected = exactly(None, before.particles, np.zeros(1), DT) @ rows.T
+        wanted = multivariate_normal(np.zeros(seen.sum()), rows @ LOUD @ rows.T).logpdf(read - expected)
+        np.testing.assert_allclose(belief.log_weights, wanted - logsumexp(wanted), atol=1e-8)
+
+
+class Range:
+    """Distance of a point in the plane from the origin, as of a radar: it bends within the spread of the particles."""
+
+    noise, size = np.array([[1e-4]]), 1
+
+    def predict(self, state):
+        return np.linalg.norm(state, axis=-1, keepdims=True)
+
+    def residual(self, reading, predicted):
+        return reading - predicted
+
+    def jacobian(self, state):
+        return (state / np.linalg.norm(state, axis=-1, keepdims=True))[..., None, :]
+
+    def linear(self, errors):
+        return None
+
+
+def test_of_particles_that_lie_apart_more_count_if_each_looks_its_own_way():
+    """Particles all round the origin, 1 m from it, read to 1 cm: linearised at one of them, the reading misleads most."""
+    effective, spread, sigma = {}, 0.05, 0.01
+    for name in ("bootstrap", "optimal", "extended", "unscented"):
+        ours = ParticleFilter(
+            process=None, process_noise=ConstantNoise(spread * np.eye(2)), measurement_noise=None, prior=np.array([1.0, 0.0]),
+            prior_variance=np.ones(2), particles=400, proposal=PROPOSALS[name], space=Euclidean(), measurement=Range(),
+            integrate=lambda process, state, command, dt: state,
+        )  # fmt: skip
+        rng = np.random.default_rng(22)
+        around = rng.standard_normal((20, 400, 2))
+        first = ours.initial(np.full((20, 1), np.nan), draws(rng, (20,), 400, 2))
+        first = first._replace(particles=around / np.linalg.norm(around, axis=-1, keepdims=True))
+        effective[name] = ours.step(first, np.zeros((20, 1)), np.full((20, 1), 1.0), DT, draws(rng, (20,), 400, 2)).ess.mean()
+    ahead = spread**2 + sigma**2  # of readings minus prediction: 1 / sum w^2 of particles spread by the noise alone, in closed form
+    few = 400.0 * sigma * np.sqrt(sigma**2 + 2.0 * spread**2) / ahead
+    assert effective["bootstrap"] == pytest.approx(few, rel=0.05)
+    assert effective["optimal"] < few
+    assert 3.0 * few < effective["extended"] < effective["unscented"]
 
 
 # the testbed's body ------------------------------------------------------------------------------------------------------------
@@ -511,6 +591,8 @@ FILTERS: dict[str, Any] = {
     "imm of mekf": imm,
     "imm of ukf": lambda model, **noise: imm(model, UnscentedFilter, **noise),
     "pf, optimal": body_particles,
+    "pf, extended": lambda model, **noise: body_particles(model, proposal="extended", **noise),
+    "pf, unscented": lambda model, **noise: body_particles(model, proposal="unscented", **noise),
     "pf, bootstrap": lambda model, **noise: body_particles(model, proposal="bootstrap", **noise),
 }
 every_filter = pytest.mark.parametrize("kind", FILTERS.keys())

@@ -45,7 +45,14 @@ def test_a_run_leaves_out_what_is_not_wanted(nacs, tmp_path: Path) -> None:
 def test_an_output_that_does_not_exist_is_one_line(nacs, tmp_path: Path, option: str) -> None:
     result = nacs(*QUICK, option, "movie")
     assert (result.code, result.err.count("\n")) == (2, 1)
-    assert f"{option} movie: there is no such output; there are detection, log, recording, report, signals" in result.err
+    assert f"{option} movie: there is no such output; there are detection, learners, log, recording, report, signals, weights" in result.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("output", ["learners", "weights"])
+def test_an_output_of_agents_is_not_to_be_had_of_one_body(nacs, tmp_path: Path, output: str) -> None:
+    result = nacs(*QUICK, "--also", output)
+    assert (result.code, result.err) == (2, f"error: --also {output}: is of agents in the plane, and this scenario is of one body\n")
     assert not list(tmp_path.iterdir())
 
 

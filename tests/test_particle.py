@@ -7,13 +7,16 @@ from estimation.extended_kalman import ExtendedFilter
 from estimation.particle import Draws, ParticleBelief, ParticleFilter, moments
 from estimation.proposals import PROPOSALS, Bootstrap, ConstantNoise, MatchedNoise, Optimal
 from estimation.resampling import SCHEMES, multinomial
+from estimation.scale_mixture import ScaleMixture
 from estimation.state_space import Additive, Euclidean, Multiplicative, Signed
 from models.attitude.quaternion import IDENTITY, angle
 from models.dynamics.process import Linearization, runge_kutta
 from models.dynamics.rigid_body import RigidBody
 from models.dynamics.vector_part_measurement import VectorPart
 
-every_proposal = pytest.mark.parametrize("proposal", PROPOSALS.values(), ids=PROPOSALS.keys())
+# extended and unscented are the optimal one where a reading is linear, which tests/test_measurement.py holds
+DENSITIES = {name: PROPOSALS[name] for name in ("bootstrap", "optimal", "likelihood")}
+every_proposal = pytest.mark.parametrize("proposal", DENSITIES.values(), ids=DENSITIES.keys())
 
 # a linear system whose Kalman filter is exact -------------------------------------------------------------------------------------
 
@@ -101,7 +104,7 @@ def test_many_particles_are_kalmans_filter(proposal):
     assert rms(nis) < 0.12
 
 
-@every_proposal
+@pytest.mark.parametrize("proposal", [Bootstrap(), Optimal()], ids=["bootstrap", "optimal"])  # here readings are worse than predictions
 def test_errors_shrink_with_the_root_of_the_number_of_particles(proposal):
     few, many = against_kalman(proposal, 100), against_kalman(proposal, 6400)
     assert rms(few[0]) / rms(many[0]) == pytest.approx(8.0, rel=0.2)
@@ -299,3 +302,27 @@ def test_settings_that_cannot_work_are_refused(wrong):
     with pytest.raises(ValueError, match="need"):
         body_filter(**wrong)
     assert isinstance(body_filter().space, Additive)
+
+
+def test_a_deterministic_schedule_resamples_every_so_many_steps_whatever_the_weights():
+    """Every third step: nothing is read but at first, so that weights stay what they are until they are made equal."""
+    settings = {"process": Linear(), "measurement_noise": R, "prior": np.zeros(3), "prior_variance": np.ones(3), "space": Euclidean()}
+    common = {"process_noise": ConstantNoise.of(Q), "particles": 50, "proposal": Bootstrap(), "threshold": 1.0}
+    filter_, numbers = ParticleFilter(**settings, **common, every=3), draws(2, 50, 3)
+    nothing = np.full((2, 3), np.nan)
+    belief = filter_.initial(np.zeros((2, 3)), next(numbers))
+    few = []
+    for k in range(1, 8):
+        belief = filter_.step(belief, np.zeros((2, 1)), np.full((2, 3), 0.5) if k in (1, 5) else nothing, 0.1, next(numbers))
+        few.append(bool((belief.ess < 49.0).all()))
+    assert few == [True, True, True, False, True, True, False]
+    np.testing.assert_array_equal(belief.steps, 7)
+    with pytest.raises(ValueError, match="every = -1"):
+        ParticleFilter(**settings, **common, every=-1)
+
+
+def test_a_mixture_is_not_drawn_by_a_density_whose_weights_depend_on_what_was_drawn():
+    settings = {"process": Linear(), "measurement_noise": R, "prior": np.zeros(3), "prior_variance": np.ones(3), "space": Euclidean()}
+    mixture = ScaleMixture(np.array([0.9, 0.1]), np.array([0.5, 2.0]))
+    with pytest.raises(ValueError, match="its weights depend on what was drawn"):
+        ParticleFilter(**settings, process_noise=ConstantNoise.of(Q), proposal=PROPOSALS["likelihood"], mixture=mixture)

@@ -219,5 +219,6 @@ def marginalised_filter(process: PlanarAgent, tuning: TuningSettings, settings: 
         proposal=settings.proposal,
         resampling=SCHEMES[settings.resampling],
         threshold=settings.threshold,
+        every=settings.resample_every,
         integrate=runge_kutta_of_motion,
     )

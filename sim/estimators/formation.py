@@ -152,6 +152,7 @@ def agents_filter(name: str, settings: AukfSettings | PfSettings, plant: Several
             proposal=PROPOSALS[settings.proposal],
             resampling=SCHEMES[settings.resampling],
             threshold=settings.threshold,
+            every=settings.resample_every,
             space=Euclidean(),
             measurement=sigma,
             mixture=settings.likelihood.mixture,

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from estimation.resampling import SCHEMES
 from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators.fading import FadingSettings, NoFadingSettings, older_fading
+from sim.estimators.particle_settings import ResampleEvery
 
 
 class TuningSettings(Section):
@@ -69,11 +70,18 @@ class Marginalised(Learner):
 
     type: Literal["marginalised"]
     sampled: Literal["state", "weights"] = Field("state", description="block of the particles: state is variant B, weights A")
-    proposal: Literal["optimal", "prior"] = "optimal"
+    proposal: Literal["optimal", "prior", "likelihood"] = "optimal"
     particles: Annotated[int, Field(ge=2, le=100_000)] = 100
     first_weight_std: Positive | None = Field(None, description="instead of the scenario's")
     resampling: str = "multinomial"
     threshold: Share = 0.8
+    resample_every: ResampleEvery = 0
+
+    @model_validator(mode="after")
+    def _of_what_is_read(self) -> Marginalised:
+        if self.proposal == "likelihood" and self.sampled == "weights":
+            raise ValueError("proposal: no reading is of the weights themselves; 'likelihood' needs sampled = 'state'")
+        return self
 
     @field_validator("resampling")
     @classmethod

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators.fading import FadingSettings, StrongTrackingSettings, older_fading
+from sim.estimators.particle_settings import MIXED, ProposalName, ResampleEvery
 from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 
@@ -42,11 +43,18 @@ class PfSettings(_Filter):
     type: Literal["pf"]
     particles: Annotated[int, Field(ge=2, le=100_000)] = 100
     threshold: Share = 0.8
-    proposal: Literal["optimal", "bootstrap"] = "optimal"
+    proposal: ProposalName = "optimal"
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
+    resample_every: ResampleEvery = 0
     likelihood: NoiseDistribution = Field(
         NormalNoise(), description="how it takes readings to be distributed, with reading_deviation as theirs"
     )
+
+    @model_validator(mode="after")
+    def _of_one_size(self) -> PfSettings:
+        if self.likelihood.mixture is not None and self.proposal == "likelihood":
+            raise ValueError(f"proposal: {MIXED}")
+        return self
 
 
 ObserverSettings = Annotated[AukfSettings | PfSettings, Field(discriminator="type")]

@@ -32,6 +32,7 @@ from models.sections import NonNegative, Positive, Section, Share
 from sim.estimators import learning_settings as _  # noqa: F401  # whose kind joins the register
 from sim.estimators.fading import FadingSettings, NoFadingSettings
 from sim.estimators.observer import ObserverBase, Place
+from sim.estimators.particle_settings import MIXED, ProposalName, ResampleEvery
 from sim.sensors.distribution import NoiseDistribution, NormalNoise
 
 Array = NDArray[np.floating]
@@ -232,9 +233,10 @@ class Pf(ExtendedSettings):
 
     type: Literal["pf"]
     particles: Annotated[int, Field(ge=2, le=100_000)] = 100
-    proposal: Literal["bootstrap", "optimal"] = Field("optimal", description="importance density")
+    proposal: ProposalName = Field("optimal", description="importance density")
     resampling: Literal["multinomial", "residual", "stratified", "systematic"] = "systematic"
     threshold: Share = Field(0.5, description="effective share of the particles below which they are resampled")
+    resample_every: ResampleEvery = 0
     roughening: NonNegative = Field(0.0, description="K of Gordon, Salmond & Smith (1993); 0: none")
     measured: Measured = Field("quaternion", description=MEASURED)
     directions: Directions = Field(TWO, description='of N, for measured = "directions"')
@@ -250,6 +252,10 @@ class Pf(ExtendedSettings):
         super().check(where, wheels)
         if self.measured == "directions" and self.likelihood.mixture is not None and self.proposal != "bootstrap":
             raise ValueError(f"{where}.proposal: directions and a likelihood that is not normal need 'bootstrap'")
+        if self.measured == "directions" and self.proposal == "likelihood":
+            raise ValueError(f"{where}.proposal: directions say more than an attitude has components, which 'likelihood' cannot draw")
+        if self.likelihood.mixture is not None and self.proposal == "likelihood":
+            raise ValueError(f"{where}.proposal: {MIXED}")
 
     @property
     def by_vector(self) -> bool:
@@ -271,6 +277,7 @@ class Pf(ExtendedSettings):
             proposal=PROPOSALS[self.proposal],
             resampling=SCHEMES[self.resampling],
             threshold=self.threshold,
+            every=self.resample_every,
             roughening=self.roughening,
             integrate=euler if parts.explicit else runge_kutta,
             mixture=self.likelihood.mixture,

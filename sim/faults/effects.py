@@ -25,6 +25,7 @@ class Effect:
       each: it has an axis of agents, where there are several.
       flag: it is true or false.
       pulsation_rad_s: of the wave whose amplitude it is.
+      numbered: its pulsation is multiplied by an agent's number.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Effect:
     each: bool = True
     flag: bool = False
     pulsation_rad_s: float | None = None
+    numbered: bool = False
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -70,9 +72,10 @@ CUT = Effect("cut", ("messages",), each=False, flag=True)  # a message's link is
 ACTIVE = Effect("active", (), each=False, flag=True)  # some fault lasts
 
 
-def wave(pulsation_rad_s: float) -> Effect:
-    """Amplitude of a torque a [sin pt, cos pt, sin 2pt]."""
-    return Effect(f"wave of {pulsation_rad_s!r} rad/s", (1,), pulsation_rad_s=pulsation_rad_s)
+def wave(pulsation_rad_s: float, numbered: bool = False) -> Effect:
+    """Amplitude of a torque a [sin pt, cos pt, sin 2pt], p being multiplied by an agent's number if `numbered`."""
+    each = " times the number" if numbered else ""
+    return Effect(f"wave of {pulsation_rad_s!r} rad/s{each}", (1,), pulsation_rad_s=pulsation_rad_s, numbered=numbered)
 
 
 class Track:

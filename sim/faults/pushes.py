@@ -12,6 +12,7 @@ from models.sections import Positive
 from sim.draws import Number
 from sim.faults.effects import PUSH, wave
 from sim.faults.events import Alias, NotNegative, OfAgents
+from sim.faults.parts import Parts
 from sim.faults.placement import Placement
 
 Array = NDArray[np.floating]
@@ -48,19 +49,27 @@ class ExternalTorque(OfAgents):
 
 
 class PeriodicTorque(OfAgents):
-    """A disturbance a [sin pt, cos pt, sin 2pt] in B, t since the start of the run (Rososhansky 2017, sec. 3.3 and table 4.5)."""
+    """A disturbance a [sin pt, cos pt, sin 2pt] in B, t since the start of the run (Rososhansky 2017, sec. 3.3, 4.2 and table 4.5)."""
 
     families = BODIES
     aliases = (Alias("disturbance", "formation", {"size_nm": "amplitude_nm"}),)
     kind: Literal["periodic-torque"]
     amplitude_nm: Number
     pulsation_rad_s: Positive = Field(1.0, description="p")
+    by_agent: bool = Field(False, description="p times the agent's number, as in sec. 4.2; else the same for all")
+
+    def check(self, parts: Parts) -> None:
+        """Raise ValueError if there are no such agents, or none that have a number."""
+        super().check(parts)
+        if self.by_agent and not parts.agents:
+            raise ValueError("the plant is one body; leave by_agent out")
 
     def lay(self, on: Placement) -> str:
         """Its amplitude besides that of others of the same pulsation."""
         size = self.amplitude_nm.sample(on.random)
-        on.add(wave(self.pulsation_rad_s), size, self.agents)
-        return f"periodic torque of {1e3 * size:.0f} mN m{self.whose(' on ')}"
+        on.add(wave(self.pulsation_rad_s, self.by_agent), size, self.agents)
+        each = f" at {self.pulsation_rad_s:g} i rad/s" if self.by_agent else ""
+        return f"periodic torque of {1e3 * size:.0f} mN m{each}{self.whose(' on ')}"
 
 
 class UniformTorque(OfAgents):

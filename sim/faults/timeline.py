@@ -70,8 +70,9 @@ class Timeline:
         total = self.at(PUSH, tick)
         for effect, track in self.tracks.items():
             if effect.pulsation_rad_s is not None:
-                angle = effect.pulsation_rad_s * self.dt * tick
-                one = track.at(tick) * np.array([np.sin(angle), np.cos(angle), np.sin(2.0 * angle)])
+                amplitude = track.at(tick)
+                angle = effect.pulsation_rad_s * self.dt * tick * (np.arange(1, amplitude.shape[-2] + 1) if effect.numbered else 1)
+                one = amplitude * np.stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle)], axis=-1)
                 total = one if total is None else total + one
         return total
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from models.chebyshev_network import ChebyshevNetwork
 from models.dynamics.planar_agent import PlanarAgent
 from models.plants.agents import AgentsParameters, compile_agents
 from sim.estimators.consensus import AppliedControl, Learned, learner
-from sim.estimators.learner_settings import Adaptive, Exact
+from sim.estimators.learner_settings import Adaptive, Exact, Nothing
 from sim.faults.effects import DISTURBANCE, DYNAMICS, SLIDING
 from sim.faults.timeline import Timeline, schedule
 from sim.loop.closed_loop import System
@@ -174,10 +175,11 @@ class ConsensusEffectors:
         return ActuatorOutput(np.zeros((1, 0)), push, AppliedControl(force, sliding.surface), None, {"force": applied})
 
 
-def _channels(tick: int, now: Snapshot) -> dict[str, AnyArray]:
-    """What is recorded of a tick, (trials, agents, ...)."""
+def _channels(learns: bool, tick: int, now: Snapshot) -> dict[str, AnyArray]:
+    """What is recorded of a tick, (trials, agents, ...); weights, the largest of it, in single precision and of loops that learn."""
     estimate: ConsensusEstimate = now.estimate
-    return {
+    weights: dict[str, AnyArray] = {"weights": estimate.learned.weights.astype(np.float32)} if learns else {}
+    return weights | {
         "truth/qpos": now.truth.qpos,
         "reading": now.reading,
         "estimate": estimate.learned.motion,
@@ -222,7 +224,7 @@ def build_consensus(scenario: ConsensusScenario, name: str, trials: Trials, user
         trials=trials,
         ticks=run.ticks * inner,
         dt=dt,
-        channels=_channels,
+        channels=partial(_channels, not isinstance(settings, Exact | Nothing)),
         references={"leader": leader, "leader_rate": leader_rate},
         occurrences=tuple(o._replace(start_tick=o.start_tick // inner, end_tick=-(-o.end_tick // inner)) for o in faults.occurrences),
         every=inner,

@@ -195,5 +195,6 @@ def _put(arrays: dict[str, Array], ticks: int, name: str, tick: int, value: AnyA
     array = arrays.get(name)
     if array is None:
         shape = (ticks, *value.shape)
-        array = arrays[name] = np.full(shape, np.nan) if value.dtype != bool else np.zeros(shape, bool)
+        exact = value.dtype if value.dtype == np.float32 else np.dtype(float)  # what is large may be kept in half the memory
+        array = arrays[name] = np.full(shape, np.nan, exact) if value.dtype != bool else np.zeros(shape, bool)
     array[tick] = value

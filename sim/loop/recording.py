@@ -22,7 +22,8 @@ class Recording:
     `fault` (bool); of each observer NAME: `NAME/mean`, `NAME/sigma` (attitude as a rotation, rad), `NAME/nees`, `NAME/nis`,
     `NAME/dof`, `NAME/statistic`, `NAME/declared`; of one with modes `NAME/modes`, their probabilities; of one that repairs covariances
     `NAME/lost`, how many so far; of a particle filter `NAME/ess`, the effective number of particles; of an adaptive one `NAME/fading`, its
-    factor; of one that learns a torque `NAME/learned` (N m in B), beside it `truth/unmodelled`; `control/...`, what a law notes.
+    factor; of one that learns a torque `NAME/learned` (N m in B), beside it `truth/unmodelled`; `control/...`, what a law notes. Of agents
+    in the plane that learn `unknown` f + d and `learned` W phi (N), `force` (N), `estimate` [x, v] and `weights` W, row by row.
     `reference/...` has no trial axis. Of several agents `truth/state`, `reading`, `NAME/...` have an axis of agents behind that of trials.
     Figures are of all trials that were flown, (ticks, all trials), where not all are recorded. Findings are what was worked out of a trial
     afterwards, (trials, ...).

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sim.faults.parts import FAMILIES
 from sim.loop.recording import Recording
 
 
@@ -30,6 +31,12 @@ class Flown(NamedTuple):
 
 def _nothing(scenario: Any) -> str:  # noqa: ARG001
     return ""
+
+
+def not_of(family: str) -> Callable[[Any], str]:
+    """What a scenario of any other family lacks."""
+    own = FAMILIES[family]
+    return lambda scenario: "" if scenario.family == family else f"is of {own}, and this scenario is of {FAMILIES[scenario.family]}"
 
 
 @dataclass(frozen=True)

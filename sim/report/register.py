@@ -10,7 +10,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from sim.loop.recording import Recording
-from sim.report import antenna, consensus, formation, loops, page
+from sim.report import antenna, loops, page
+from sim.report.agents import consensus, formation
 from sim.scenario.one_body import Scenario
 from sim.series.antenna import is_antenna
 from sim.series.picture_style import STYLE

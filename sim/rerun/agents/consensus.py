@@ -12,6 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from models.dynamics.state_layout import POSITION
 from sim.loop.recording import Recording
 from sim.metrics.consensus import absolute_error, dynamics_error, relative_error
 from sim.rerun.blueprint import BACKGROUND, TIMELINE, Page, blueprint
@@ -30,6 +31,10 @@ DRAWN_HZ, TRAIL_S = 25.0, 2.5
 CLOSE = 0.045  # m
 TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 LINK: Colour = (92, 104, 124)
+ALL_LOOPS = {"dynamics": "Learned W phi [N]", "command": "Command [N]", "error": "Position minus leader [m]"}
+DIVERGED = 1e3  # N or m: what is beyond is drawn there
+STRIDE = 5  # ticks from one drawn weight to the next
+ROWS: tuple[Colour, Colour] = ((92, 156, 255), (255, 164, 66))  # of W
 
 
 @dataclass(frozen=True)
@@ -41,16 +46,19 @@ class ConsensusLayout(Page):
       shown: the loop that is drawn large.
       plotted: numbers of the agents that have plots of their own.
       highs: upper end of axes on which what diverges would hide all else, by entity.
+      learning: loops that have weights.
     """
 
     loops: tuple[str, ...]
     shown: str
     plotted: tuple[int, ...]
     highs: dict[str, float]
+    learning: tuple[str, ...] = ()
 
     def tabs(self) -> list[Any]:
         """All tabs, each of views of its own."""
-        return [self._overview(), self._planes(), self._dynamics(), self._control(), self._run()]
+        weights = [self._weights()] if self.learning else []
+        return [self._overview(), self._planes(), self._dynamics(), self._control(), self._learners(), *weights, self._run()]
 
     def _overview(self) -> Any:
         curves = [
@@ -77,6 +85,26 @@ class ConsensusLayout(Page):
         views = [self._plot(f"Command of agent {agent}, {self.shown} [N]", f"control/agent_{agent}") for agent in self.plotted]
         effort = self._among("Command of all agents, length, mean over 0.5 s [N], zoomed in", "metrics/effort")
         return rrb.Vertical(effort, rrb.Grid(*views, grid_columns=min(3, len(views))), row_shares=[30, 70], name="Control")
+
+    def _learners(self) -> Any:
+        """What every loop makes of f + d, commands, and how far it is from the leader; one tab a quantity, an agent a column."""
+        tabs = []
+        for key, what in ALL_LOOPS.items():
+            views = [
+                self._plot(f"{what} along {axis}, agent {agent}", f"learners/{key}/{axis}/agent_{agent}", legend=agent == self.plotted[0])
+                for axis in "xy"
+                for agent in self.plotted
+            ]
+            tabs.append(rrb.Grid(*views, grid_columns=min(6, len(self.plotted)), name=what))
+        return rrb.Tabs(*tabs, name="All loops")
+
+    def _weights(self) -> Any:
+        views = [
+            self._plot(f"Weights of {loop}, agent {agent}", f"weights/{rr.escape_entity_path_part(loop)}/agent_{agent}", legend=False)
+            for loop in self.learning
+            for agent in self.plotted
+        ]
+        return rrb.Grid(*views, grid_columns=min(6, len(self.plotted)), name="Weights")
 
     def _among(self, name: str, path: str, legend: bool = True) -> Any:
         return self._plot(name, path, high=self.highs[path], legend=legend)
@@ -130,7 +158,7 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
         trials[f"Trial {number}"] = (
             one,
             drawn,
-            ConsensusLayout(prefix, duration, tuple(one), chosen(one), plotted(scenario), _highs(drawn)),
+            ConsensusLayout(prefix, duration, tuple(one), chosen(one), plotted(scenario), _highs(drawn), learning(one)),
         )
     with recording_file(path, APPLICATION, blueprint({label: layout for label, (_, _, layout) in trials.items()})) as stream:
         describe(stream, name, configuration)
@@ -141,6 +169,9 @@ def write_recording(path: Path, name: str, scenario: ConsensusScenario, flown: d
                 stream.log(layout.prefix + entity(curve.path), style(curve), static=True)
                 time = time_column(one[layout.shown].time)
                 stream.send_columns(layout.prefix + entity(curve.path), [time], columns(curve))
+            for curve in weight_curves(scenario, one):
+                stream.log(layout.prefix + entity(curve.path), style(curve), static=True)
+                stream.send_columns(layout.prefix + entity(curve.path), [time_column(one[layout.shown].time[::STRIDE])], columns(curve))
             _write_events(stream, layout.prefix, name, scenario, one)
 
 
@@ -175,6 +206,34 @@ def curves(scenario: ConsensusScenario, flown: dict[str, Recording]) -> Iterator
             names_of = tuple(f"{label} {axis} [N]" for axis in "xy")
             yield Curve(f"dynamics/agent_{number}/{key}", names_of, shades[:2], channels[key][:, 0, agent], width)
         yield Curve(f"control/agent_{number}", ("u x [N]", "u y [N]"), AXES[:2], channels["force"][:, 0, agent])
+
+    leader = channels["reference/leader"]
+    for number in plotted(scenario):
+        of: dict[str, dict[str, Array]] = {
+            "dynamics": {loop: one.channels["learned"][:, 0, number - 1] for loop, one in flown.items()},
+            "command": {loop: one.channels["force"][:, 0, number - 1] for loop, one in flown.items()},
+            "error": {loop: one.channels["truth/state"][:, 0, number - 1, POSITION] - leader for loop, one in flown.items()},
+        }
+        for key, values in of.items():
+            for axis, letter in enumerate("xy"):
+                within = {loop: np.clip(value[:, axis], -DIVERGED, DIVERGED) for loop, value in values.items()}
+                yield among(f"learners/{key}/{letter}/agent_{number}", "m" if key == "error" else "N", within)
+
+
+def learning(flown: dict[str, Recording]) -> tuple[str, ...]:
+    """Loops that have weights."""
+    return tuple(loop for loop, one in flown.items() if "weights" in one.channels)
+
+
+def weight_curves(scenario: ConsensusScenario, flown: dict[str, Recording]) -> Iterator[Curve]:
+    """All weights of every agent in every loop that learns, of one trial: the row of W for x in blue, that for y in orange."""
+    for loop in learning(flown):
+        weights = flown[loop].channels["weights"][::STRIDE, 0]
+        half = weights.shape[-1] // 2
+        names = tuple(f"W {axis} {term}" for axis in "xy" for term in range(1, half + 1))
+        shades = tuple(colour for row in ROWS for colour in (row,) * half)
+        for number in plotted(scenario):
+            yield Curve(f"weights/{loop}/agent_{number}", names, shades, weights[:, number - 1].astype(float), 1.0)
 
 
 def _highs(drawn: tuple[Curve, ...]) -> dict[str, float]:
