@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from docs.as_flown import causes, flights
 from docs.as_flown.emulator import Emulator, Prediction, _of_ten, _plane, emulate, predict, printed
-from docs.as_flown.ensemble_sampler import effective, sample
+from docs.as_flown.elliptical_slice import effective, sample
 from docs.as_flown.gaussian_process import Hyperparameters, condition, fit, objective
 from docs.as_flown.posterior import log_likelihood
 from sim.loop.build import assembly_of, build
@@ -75,16 +75,17 @@ def test_a_fitted_process_predicts_what_it_has_not_seen():
     assert 0.25 < noisy.hyperparameters.noise * noisy.scale[0] < 0.35
 
 
-def test_the_ensemble_samples_a_normal_distribution():
-    """Mean and covariance of a correlated one, by 60 000 samples with some hundred steps of memory."""
-    spread = np.array([[1.0, 0.8], [0.8, 2.0]])
-    density = multivariate_normal([3.0, -1.0], spread)
-    chain = sample(lambda x: density.logpdf(x), RNG.normal(size=(40, 2)), 1500, np.random.default_rng(2))
-    kept = chain.places[300:]
-    flat = kept.reshape(-1, 2)
-    np.testing.assert_allclose(flat.mean(axis=0), [3.0, -1.0], atol=0.1)
-    np.testing.assert_allclose(np.cov(flat.T), spread, atol=0.2)
-    assert 0.4 < chain.accepted < 0.9
+def test_elliptical_slices_sample_a_product_of_normal_densities():
+    """Prior N(0, I) and a likelihood N(m, S) have the posterior of mean (I + S^-1)^-1 S^-1 m; half of the plane is forbidden."""
+    spread, middle = np.array([[0.5, 0.3], [0.3, 0.4]]), np.array([2.0, -1.0])
+    density = multivariate_normal(middle, spread)
+    path, _ = sample(lambda x: np.atleast_1d(density.logpdf(x)), RNG.normal(size=(100, 2)), 150, np.random.default_rng(2))
+    flat, covariance = path[30:].reshape(-1, 2), np.linalg.inv(np.eye(2) + np.linalg.inv(spread))
+    np.testing.assert_allclose(flat.mean(axis=0), covariance @ np.linalg.solve(spread, middle), atol=0.03)
+    np.testing.assert_allclose(np.cov(flat.T), covariance, atol=0.03)
+    half, _ = sample(lambda x: np.where(x[:, 0] > 0.0, 0.0, -np.inf), np.ones((100, 2)), 100, np.random.default_rng(3))
+    assert np.all(half[..., 0] > 0.0)
+    assert half[20:, :, 0].mean() == pytest.approx(np.sqrt(2.0 / np.pi), abs=0.03)
 
 
 def test_samples_that_remember_are_worth_less():

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from docs.as_flown.causes import ALL, TABLES, acting
+from docs.as_flown.causes import ALL, CAUSES, NAMES, TABLES, acting, values_of
 from docs.as_flown.flights import FILTERS, STATES
 from docs.as_flown.gaussian_process import GaussianProcess, fit
 from sim.scenario.files import load
 
 Array = NDArray[np.floating]
 
+LOGS = [(float(np.log(cause.low)), float(np.log(cause.high))) for cause in CAUSES]
+LOADS = (  # products of powers of causes: what fills the wheels over their top speed
+    ((1.0, "centre of mass off the axis"), (-1.0, "top speed of the wheels")),
+    ((1.0, "torque of the air"), (0.5, "its correlation time"), (-1.0, "top speed of the wheels")),
+    ((1.0, "yaw rate asked for, peak"), (-1.0, "top speed of the wheels")),
+)
 TRIALS = 10  # of the paper's experiments, over which its tables are means
 KINDS = ((0, 1, 2), (4, 5, 6))  # places in STATES of q1 to q3 and of the rates, each emulated with one kernel a filter
 COMPARED = KINDS[0] + KINDS[1]  # q4 is second order near the identity, docs/errata.md
 LOG_CHI_SQUARE = 1.270362845  # minus the mean of the logarithm of a chi-square variable of one degree of freedom
 ROUNDING = 5e-9 / np.sqrt(3.0)  # deviation of a printed value, of which the last digit is 1e-8
-FAR = np.log(4.0)  # flights of which a sum is further than that from print, either way, are not what was flown: wheels without speed left
+FAR = np.log(2.5)  # flights of which a sum is further than that from print, either way, are not what was flown: wheels without speed left
 
 
 class Emulator(NamedTuple):
@@ -31,7 +38,8 @@ class Emulator(NamedTuple):
       values: processes of q1 to q3 and of the rates, filter by filter.
       totals: process of the four sums.
       scatter: of the logarithm of a trial's variance, a plane (filters, kinds, 1 + inputs), and of the sums' (filters, 1 + inputs).
-      distance: process of the greatest distance of a sum from print, up to twice FAR, through all points; beyond FAR the others know nothing.
+      distance: process of the greatest distance of a sum from print, up to twice FAR, through all points; beyond FAR the others know
+        nothing.
       used: which points of the design those go through, (points,).
     """
 
@@ -77,8 +85,11 @@ def emulate(table: int, shares: Array, residuals: Array) -> Emulator:
 
 
 def inputs_of(table: int, shares: Array) -> Array:
-    """Causes that act in a table, from [0, 1] to [-1, 1]."""
-    return 2.0 * shares[..., acting(table)] - 1.0
+    """Causes that act in a table, and what asks the wheels for momentum over what they can hold; all in [-1, 1]."""
+    logs = np.log(values_of(np.clip(shares, 0.0, 1.0)))
+    known = {name: (logs[..., place], LOGS[place]) for place, name in enumerate(NAMES)}
+    loads = [_between([(weight, *known[name]) for weight, name in load]) for load in LOADS]
+    return np.concatenate([2.0 * shares[..., acting(table)] - 1.0, np.stack(loads, axis=-1)], axis=-1)
 
 
 def predict(emulator: Emulator, shares: Array) -> Prediction:
@@ -87,6 +98,14 @@ def predict(emulator: Emulator, shares: Array) -> Prediction:
     each = [[process.at(inputs) for process in kinds] for kinds in emulator.values]
     mean, variance = (np.stack([np.concatenate([kind[i] for kind in kinds], axis=-1) for kinds in each], axis=1) for i in (0, 1))
     return _of_ten(mean, variance, np.repeat(_trial_variance(emulator.scatter[0], inputs), 3, axis=-1))
+
+
+def _between(terms: Sequence[tuple[float, Array, tuple[float, float]]]) -> Array:
+    """A weighted sum of logarithms, from its least and greatest value to [-1, 1]."""
+    total = sum(weight * log for weight, log, _ in terms)
+    ends = [sorted((weight * low, weight * high)) for weight, _, (low, high) in terms]
+    low, high = (sum(end[i] for end in ends) for i in (0, 1))
+    return 2.0 * (total - low) / (high - low) - 1.0
 
 
 def near(emulator: Emulator, shares: Array) -> NDArray[np.bool_]:

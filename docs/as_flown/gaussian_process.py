@@ -113,9 +113,7 @@ def objective(logs: Array, inputs: Array, standard: Array) -> tuple[float, Array
     smooth, linear = smooth_part(inputs, inputs, h), linear_part(inputs, inputs, h)
     by_smooth = pull * smooth
     moments = by_smooth.sum(axis=1) @ inputs**2 - np.sum(inputs * (by_smooth @ inputs), axis=0)
-    gradient = np.r_[
-        moments / h.lengths**2 + apart / LENGTH[1], np.sum(by_smooth), np.sum(pull * linear), h.noise**2 * np.trace(pull)
-    ]
+    gradient = np.r_[moments / h.lengths**2 + apart / LENGTH[1], np.sum(by_smooth), np.sum(pull * linear), h.noise**2 * np.trace(pull)]
     return float(value), gradient
 
 

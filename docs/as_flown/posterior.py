@@ -7,20 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
 from docs.as_flown.causes import CAUSES
+from docs.as_flown.elliptical_slice import effective, sample
 from docs.as_flown.emulator import COMPARED, ROUNDING, Emulator, Prediction, near, predict, predict_sums
-from docs.as_flown.ensemble_sampler import effective, sample
 
 Array = NDArray[np.floating]
 
-WALKERS = 72
-STEPS = 1500  # of which the first half is left out
+CHAINS = 96
+STEPS = 100  # of which the first quarter is left out
 SEED = 715
 COUNT = len(CAUSES)
 WRONG = 0.1  # scale of the half-normal density, beforehand, of what the plant cannot do: relative, common to a group and of each value
-LARGEST = 0.6  # of both
 
 
 class Posterior(NamedTuple):
@@ -31,9 +30,8 @@ class Posterior(NamedTuple):
       shares: samples in the unit cube, (samples, causes).
       wrong: what the plant cannot do: standard deviation of the logarithm that three values of a filter (q1 to q3, or the rates) have in
         common, and of each value, (samples, 2).
-      densities: logarithms, (samples,).
+      densities: logarithms, but for a constant, over the places in the ranges, (samples,).
       effective: how many independent samples they are worth, of the cause of which they are worth least.
-      accepted: share of the proposals.
     """
 
     tables: tuple[int, ...]
@@ -41,7 +39,6 @@ class Posterior(NamedTuple):
     wrong: Array
     densities: Array
     effective: float
-    accepted: float
 
     @property
     def mode(self) -> Array:
@@ -82,28 +79,33 @@ def infer(emulators: Mapping[int, Emulator], observed: Array, tables: Sequence[i
       emulators: by table.
       observed: what is printed, (tables, filters, states).
       tables: places of those that are taken to be known.
-      steps: of the walkers.
+      steps: of the chains.
     """
 
-    def log_density(places: Array) -> Array:
-        shares, wrong = places[:, :COUNT], places[:, COUNT:]
-        inside = np.all((shares >= 0.0) & (shares <= 1.0), axis=-1) & np.all((wrong > 0.0) & (wrong < LARGEST), axis=-1)
-        for table in tables:
-            inside &= near(emulators[table], shares)
-        density = np.full(len(places), -np.inf)
-        if inside.any():
-            density[inside] = -0.5 * np.sum((wrong[inside] / WRONG) ** 2, axis=-1) + sum(
-                log_likelihood(observed[table][:, COMPARED], predict(emulators[table], shares[inside]), wrong[inside]) for table in tables
+    def likelihood(normal: Array) -> Array:
+        """At places whose coordinates are standard normal beforehand, (n, causes + 2)."""
+        shares, wrong = _unpacked(normal)
+        possible = np.all([near(emulators[table], shares) for table in tables], axis=0)
+        out = np.full(len(normal), -np.inf)
+        if possible.any():
+            out[possible] = sum(
+                log_likelihood(observed[table][:, COMPARED], predict(emulators[table], shares[possible]), wrong[possible])
+                for table in tables
             )
-        return density
+        return out
 
-    first = qmc.Sobol(COUNT + 2, rng=SEED).random_base2(11) * np.r_[np.ones(COUNT), 2.0 * WRONG, 2.0 * WRONG]
-    start = first[np.argsort(log_density(first))[-WALKERS:]]
-    chain = sample(log_density, start, steps, np.random.default_rng(SEED))
-    kept = chain.places[steps // 2 :]
-    flat = kept.reshape(-1, COUNT + 2)
-    densities = chain.densities[steps // 2 :].reshape(-1)
-    return Posterior(tuple(tables), flat[:, :COUNT], flat[:, COUNT:], densities, float(effective(kept).min()), chain.accepted)
+    first = norm.ppf(qmc.Sobol(COUNT + 2, rng=SEED).random_base2(11))
+    start = first[np.argsort(likelihood(first))[-CHAINS:]]
+    path, heights = sample(likelihood, start, steps, np.random.default_rng(SEED))
+    kept, densities = path[steps // 4 :], heights[steps // 4 :]
+    shares, wrong = _unpacked(kept.reshape(-1, COUNT + 2))
+    prior = -0.5 * np.sum((wrong / WRONG) ** 2, axis=-1)
+    return Posterior(tuple(tables), shares, wrong, densities.reshape(-1) + prior, float(effective(kept).min()))
+
+
+def _unpacked(normal: Array) -> tuple[Array, Array]:
+    """Places in the ranges, and what the plant cannot do, from coordinates that are standard normal beforehand."""
+    return norm.cdf(normal[:, :COUNT]), WRONG * np.abs(normal[:, COUNT:])
 
 
 def predicted_sums(emulator: Emulator, posterior: Posterior, many: int = 2000) -> Array:

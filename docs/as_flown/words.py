@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.as_flown.causes import ALL, CAUSES, Cause, acting
-from docs.as_flown.emulator import COMPARED, Emulator, left_out_errors, printed, without
+from docs.as_flown.emulator import COMPARED, TRIALS, Emulator, Prediction, left_out_errors, printed, without
 from docs.as_flown.flights import FILTERS
-from docs.as_flown.posterior import Posterior, predicted_sums, predicted_values
+from docs.as_flown.posterior import WRONG, Posterior, log_likelihood, predicted_sums, predicted_values
 
 Array = NDArray[np.floating]
 Fits = Mapping[tuple[int, ...], Posterior]
@@ -40,12 +40,25 @@ def moments(cause: Cause, shares: Array) -> tuple[float, float, float, float]:
     return float(cause.of_share(shares.mean())), float(values.std()), float(low), float(high)
 
 
-def listed(fits: Fits) -> str:
+def likeliest(shares: Array, residuals: Array) -> Array:
+    """Of candidates (points, causes) the one whose flights (tables, points, trials, filters, states) of tables 1 to 3 are nearest to print.
+
+    The likelihood is that of the posterior, with flights in the place of the emulator and a deviation of a tenth, common and of each.
+    """
+    flown = np.log(residuals.mean(axis=2))[..., COMPARED]
+    scatter = np.log(residuals).var(axis=2, ddof=1)[..., COMPARED] * (1.0 / residuals.shape[2] + 1.0 / TRIALS)
+    wrong = np.full((len(shares), 2), WRONG)
+    total = sum(log_likelihood(printed()[table][:, COMPARED], Prediction(flown[i], scatter[i]), wrong) for i, table in enumerate(FITTED))
+    return shares[int(np.argmax(total))]
+
+
+def listed(fits: Fits, flown: Array) -> str:
     """The list of parameters as TOML, with the covariance of their places in the ranges."""
     chosen = fits[FITTED]
     lines = [
         "# What McCafferty-Leroux et al. (2024), tables 1 to 3, say of their testbed. Printed by `python -m docs.as_flown infer`;",
-        "# docs/as-flown.md says how. `value` is at the mean, `interval` holds 95 %; `told_by` are the tables that tell of it by themselves.",
+        "# docs/as-flown.md says how. `value` is at the mean, `interval` holds 95 %; `told_by`: the tables that tell of it by themselves.",
+        "# `scenarios` is what nacs/as-flown fly: of the likeliest samples the one whose flights of tables 1 to 3 are nearest to print.",
         "# A place in the range is log(value / low) / log(high / low), or linear where `logarithmic` is false; `covariance` is theirs.",
         "fitted_to_tables = [1, 2, 3]",
         "",
@@ -58,6 +71,7 @@ def listed(fits: Fits) -> str:
             lines += [f'key = "{key}"', f"key_value = {unit * value:.4g}", f"key_standard_deviation = {unit * deviation:.2g}"]
         lines += [
             f"value = {value:.4g}",
+            f"scenarios = {cause.of_share(flown[place]):.2g}",
             f"standard_deviation = {deviation:.2g}",
             f"interval = [{low:.3g}, {high:.3g}]",
             f"range = [{cause.low:g}, {cause.high:g}]",
@@ -94,7 +108,10 @@ def _percent(values: Array) -> str:
 
 
 def _parameters(fits: Fits) -> Iterator[str]:
-    yield "| parameter | unit | range before | tables 1 to 3: value, deviation, 95 % | deviation over prior | all four: value, deviation | told by table |"
+    yield (
+        "| parameter | unit | range before | tables 1 to 3: value, deviation, 95 % | deviation over prior "
+        "| all four: value, deviation | told by table |"
+    )
     yield "|---|---|---|---|---|---|---|"
     for place, cause in enumerate(CAUSES):
         value, deviation, low, high = moments(cause, fits[FITTED].shares[:, place])
