@@ -103,6 +103,11 @@ def _emulators(emulators: Mapping[int, Emulator]) -> Iterator[str]:
         )
 
 
+def _short(value: float) -> str:
+    """Three digits, without an exponent."""
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"
+
+
 def _percent(values: Array) -> str:
     return " ".join(f"{100.0 * value:.1f}" for value in values)
 
@@ -119,8 +124,8 @@ def _parameters(fits: Fits) -> Iterator[str]:
         ratio = fits[FITTED].shares[:, place].std() / PRIOR
         told = ", ".join(str(table) for table in told_by(fits, place)) or "none"
         yield (
-            f"| {cause.name} | {cause.unit} | {cause.low:g} to {cause.high:g} | {value:.3g} +- {deviation:.2g}, {low:.2g} to {high:.2g} "
-            f"| {ratio:.2f} | {every[0]:.3g} +- {every[1]:.2g} | {told} |"
+            f"| {cause.name} | {cause.unit} | {cause.low:g} to {cause.high:g} | {_short(value)} +- {_short(deviation)}, {_short(low)} to {_short(high)} "
+            f"| {ratio:.2f} | {_short(every[0])} +- {_short(every[1])} | {told} |"
         )
     for fit in (fits[FITTED], fits[ALL]):
         mean = fit.wrong.mean(axis=0)
@@ -143,7 +148,11 @@ def _by_table(fits: Fits) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for place, cause in enumerate(CAUSES[:11]):
         cells = [moments(cause, fits[(table,)].shares[:, place]) for table in ALL]
-        yield f"| {cause.name}, {cause.unit} | " + " | ".join(f"{cell[0]:.3g} ({cell[2]:.2g} to {cell[3]:.2g})" for cell in cells) + " |"
+        yield (
+            f"| {cause.name}, {cause.unit} | "
+            + " | ".join(f"{_short(cell[0])} ({_short(cell[2])} to {_short(cell[3])})" for cell in cells)
+            + " |"
+        )
 
 
 def _predicted(emulators: Mapping[int, Emulator], fits: Fits) -> Iterator[str]:
