@@ -30,7 +30,7 @@ def draw(fits: Mapping[tuple[int, ...], Posterior], path: Path) -> None:
                 _density(axis, fits[(table,)], place, color=SINGLE[table], lw=1.1, label=f"table {table + 1} alone")
         _density(axis, fits[without(3)], place, color="black", lw=2.2, label="tables 1 to 3")
         ticks = np.linspace(0.0, 1.0, 4)
-        axis.set_xticks(ticks, [f"{float(f'{value:.2g}'):g}" for value in cause.of_share(ticks)])
+        axis.set_xticks(ticks, [f"{float(format(value, '.2g')):g}" for value in cause.of_share(ticks)])
         axis.set(xlim=(0.0, 1.0), ylim=(0.0, None), yticks=[], xlabel=cause.unit if cause.unit != "1" else "")
         axis.set_title(cause.name, fontsize=10)
     handles, labels = axes[3, 3].get_legend_handles_labels()

@@ -124,7 +124,8 @@ def _parameters(fits: Fits) -> Iterator[str]:
         ratio = fits[FITTED].shares[:, place].std() / PRIOR
         told = ", ".join(str(table) for table in told_by(fits, place)) or "none"
         yield (
-            f"| {cause.name} | {cause.unit} | {cause.low:g} to {cause.high:g} | {_short(value)} +- {_short(deviation)}, {_short(low)} to {_short(high)} "
+            f"| {cause.name} | {cause.unit} | {cause.low:g} to {cause.high:g} "
+            f"| {_short(value)} +- {_short(deviation)}, {_short(low)} to {_short(high)} "
             f"| {ratio:.2f} | {_short(every[0])} +- {_short(every[1])} | {told} |"
         )
     for fit in (fits[FITTED], fits[ALL]):
