@@ -17,6 +17,7 @@ from models.plants.register.kind import Joint
 Array = NDArray[np.floating]
 
 _TO_SCALAR_LAST = np.array([1, 2, 3, 0])
+_SUPPLY = 7  # place of the voltage limit in the gain parameters of a `dcmotor`
 
 # The plant reads the warning counters and fails; by default MuJoCo would print and write MUJOCO_LOG.TXT into the user's folder.
 mujoco.set_mju_user_warning(lambda _: None)
@@ -188,6 +189,11 @@ class Plant:
         for wheel, friction in enumerate(frictions):
             if friction is not None:
                 self.wheel_coulomb[:, wheel] = friction
+
+    def set_supply_voltage(self, volts: Array) -> None:
+        """Give the drives of each trial's wheels another usable voltage, (trials,) V: their top speed is that over the motor constant."""
+        wheels = [self.assembly.model.actuator(name).id for name in self.assembly.wheel_actuators]
+        self._batch.expand("actuator_gainprm")[:, wheels, _SUPPLY] = volts[:, None]
 
     def set_wheel_friction(self, trials: Array, wheel: int, coulomb: Array | float, viscous: Array | float | None = None) -> None:
         """Set the dry (N m) and viscous (N m s/rad) friction of a wheel's bearing in some trials; a large dry one locks it."""
