@@ -64,6 +64,7 @@ CONSENSUS = {
     "known": ["told/force_x", "told/force_y", "told/surface_x", "told/surface_y"],
     "reference/leader": ["leader/position_x", "leader/position_y"],
     "reference/leader_rate": ["leader/velocity_x", "leader/velocity_y"],
+    "weights": [f"weights/{i}" for i in range(1, 27)],
     "*/mean": [f"estimate/*/{c}" for c in MOTION],
     "*/sigma": [f"sigma/*/{c}" for c in MOTION],
 }

@@ -67,3 +67,8 @@ def by_sender(scenario: Any, received: AnyArray) -> AnyArray:
     heard = np.full((*received.shape[:2], scenario.plant.agents, 1 + scenario.plant.agents), np.nan)
     heard[:, :, receiver, sender] = received
     return heard
+
+
+def in_double(scenario: Any, array: AnyArray) -> AnyArray:  # noqa: ARG001  # what is kept in single precision
+    """The same numbers in double precision, as all others are."""
+    return array.astype(np.float64)

@@ -9,7 +9,7 @@ XYZ = Axis("axis", ("x", "y", "z"))
 PLANE = Axis("plane", ("x", "y"))
 QUATERNION = Axis("quaternion", ("q1", "q2", "q3", "q4"))
 RODRIGUES = Axis("rodrigues", ("1", "2", "3"))
-WHEEL, JOINT, SENDER = (Axis(name, COUNTED) for name in ("wheel", "joint", "sender"))
+WHEEL, JOINT, SENDER, WEIGHT = (Axis(name, COUNTED) for name in ("wheel", "joint", "sender", "weight"))
 MODE = Axis("mode_{observer}", COUNTED)  # observers differ in their modes
 CHANNEL = Axis("channel", ("azimuth", "elevation"))  # of an antenna
 

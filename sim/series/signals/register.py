@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from sim.series.signals.arrangement import by_sender, hinge_angles, hinge_names, hinge_rates, place, senders
+from sim.series.signals.arrangement import by_sender, hinge_angles, hinge_names, hinge_rates, in_double, place, senders
 from sim.series.signals.entry import Entry, Part
 from sim.series.signals.quantities import (
     ATTITUDE,
@@ -31,6 +31,7 @@ from sim.series.signals.quantities import (
     TORQUE,
     UNMODELLED,
     VELOCITY,
+    WEIGHT,
     WHEEL_SPEED,
     WHEEL_TORQUE,
     WORLD_POSITION,
@@ -125,6 +126,7 @@ CONSENSUS = (
     Entry("known", "told", (TOLD_FORCE, SURFACE), _TOLD),
     Entry("unknown", "force_unknown", (FORCE,), "that the agents do not know, as it is"),
     Entry("learned", "force_learned", (FORCE,), "that the agents do not know, as each believes it"),
+    Entry("weights", "weights", (numbered(WEIGHT, "weights of the network that stands for the force", "N"),), "", arranged=in_double),
 )
 
 _ESTIMATED, _DEVIATION = "as the observer estimates it", "standard deviation of the estimate as the observer believes it"
