@@ -26,6 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from sim.text.progress import PREFIX
 from tests.fuzz_process import call
 from tests.kill_cases import (
     CAMPAIGN,
@@ -130,7 +131,8 @@ class Series:
         self._prepare(folder)
         arguments = self._arguments(kind.command)
         code, met = self._disturb(kind, share, arguments, folder)
-        lines = [line for line in (folder / "said").read_text(errors="replace").splitlines() if not line.startswith("warning: ")]
+        said = (folder / "said").read_text(errors="replace").splitlines()
+        lines = [line for line in said if not line.startswith(("warning: ", PREFIX))]
         complaints = _complaints(kind, code, met, lines, code_when_done)
         complaints += self._leftovers()
         sealed = {path.name: path.stat().st_mtime_ns for path in folder.glob("it/shards/*.seal")}

@@ -8,6 +8,7 @@ flown is kept in docs/as_flown/flights.npz.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -107,4 +108,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 
 if __name__ == "__main__":
-    COMMANDS[sys.argv[1]](*sys.argv[2:])
+    parser = argparse.ArgumentParser(prog="python -m docs.as_flown", description=__doc__)
+    parser.add_argument("command", choices=COMMANDS)
+    parser.add_argument("arguments", nargs="*", help="of `score`: a folder with runs, and their seeds")
+    asked = parser.parse_args()
+    COMMANDS[asked.command](*asked.arguments)
