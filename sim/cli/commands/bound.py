@@ -30,8 +30,7 @@ def bound(
 ) -> None:
     """Fly a scenario and hold its filters' errors against the posterior Cramer-Rao bound along the way that was flown."""
     whole = load(name, trials, seed, overrides)
-    for line in cost.check(whole, trials):
-        err.print(f"warning: {line}", style="yellow")
+    slow = cost.check(whole, trials)
     if loop is not None and loop not in whole.loop_names:
         raise BadInput(f"--loop {loop}: no such loop; there are {', '.join(whole.loop_names)}")
     chosen = loop or whole.loop_names[0]
@@ -40,6 +39,8 @@ def bound(
     if not 0.0 <= since < duration - whole.run.tick_s / 2.0:
         raise BadInput(f"--from {since:g}: the run lasts from 0 to {duration:g} s")
     single = whole.singles()[chosen] if whole.family == "body" else whole
+    for line in slow:
+        err.print(f"warning: {line}", style="yellow")
     numbers = np.arange(trials)
     try:
         with interrupted_as("nothing was written"):

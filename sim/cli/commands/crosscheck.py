@@ -57,18 +57,18 @@ def crosscheck(
     """Cross-check an analytic model with the plant: divergence, its causes, physics checks, and what fails as printed."""
     whole = load(name, trials, seed, overrides)
     flights = 1 if whole.family in agents.FAMILIES else FLIGHTS
-    for line in cost.check(whole, trials, flights=flights):
-        err.print(f"warning: {line}", style="yellow")
+    slow = cost.check(whole, trials, flights=flights)
     if whole.family in agents.FAMILIES:
         if model or limits:
             raise BadInput(f"--{'model' if model else 'threshold'}: is for one body; of several agents all models are shown")
-        _of_agents(whole, name, loop, at, folder, overwrite)
+        _of_agents(whole, name, loop, at, folder, overwrite, slow)
         return
     family, loaded = family_of(whole), choose_loop(whole, loop)
     chosen = choose_model(family, model, loaded.plant)
     wanted = thresholds(loaded, limits or [])
     instants = _instants(loaded, at, family.instants)
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
+    _warn(slow)
     started = time.perf_counter()
     with Work(err, "steps") as work:
         try:
@@ -104,7 +104,14 @@ def crosscheck(
             raise typer.Exit(CHECK_FAILED)
 
 
-def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None, folder: Path | None, overwrite: bool) -> None:
+def _warn(lines: list[str]) -> None:
+    for line in lines:
+        err.print(f"warning: {line}", style="yellow")
+
+
+def _of_agents(
+    loaded: Any, name: str, loop: str | None, at: list[float] | None, folder: Path | None, overwrite: bool, slow: list[str]
+) -> None:
     from sim.report.crosscheck.agents import write_agents_picture
 
     if loop is not None and loop not in loaded.loop_names:
@@ -113,6 +120,7 @@ def _of_agents(loaded: Any, name: str, loop: str | None, at: list[float] | None,
     needed = min(loaded.run.ticks, round(max(instants) / loaded.run.tick_s) + 1)
     loaded = loaded.model_copy(update={"run": loaded.run.model_copy(update={"ticks": needed})})
     target = output_folder(folder, str(Path("crosscheck") / name) if folder is None and not name.endswith(".toml") else name, overwrite)
+    _warn(slow)
     started = time.perf_counter()
     try:
         with (
