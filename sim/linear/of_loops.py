@@ -1,0 +1,93 @@
+"""Margins of the laws of a scenario's closed loops, believing that all is well or that a wheel has failed."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.dynamics.wheel_faults import WheelFault
+from sim.bad_input import BadInput
+from sim.controllers.tracking import TrackingLaw
+from sim.linear.delays import late_commands
+from sim.linear.law_gain import Switches, allocation_gain, law_gain
+from sim.linear.linear_model import Quantities
+from sim.linear.linearize import linearize
+from sim.linear.margins import Margins, SampledLoop
+from sim.loop.body_parts import BodyEffectors
+from sim.loop.build import build
+from sim.scenario.one_body import Scenario
+
+TORQUE = Quantities(("torque1", "torque2", "torque3"), ("N m",) * 3)
+
+
+class Case(NamedTuple):
+    """A loop in one of the situations that it may be in.
+
+    Attributes:
+      loop: its name.
+      believed: mode that the law believes in, 0 being the healthy one.
+      mode: mode that the plant is in.
+      sampled: the loop itself.
+    """
+
+    loop: str
+    believed: int
+    mode: int
+    sampled: SampledLoop
+
+    @property
+    def margins(self) -> list[Margins]:
+        """Of axes 1 to 3 and of all."""
+        return self.sampled.margins()
+
+
+def cases(scenario: Any, loop: str | None = None, at: float | None = None) -> list[Case]:
+    """Loops of a scenario of one body, told the state as sensors read it without noise, with readings' and commands' delays.
+
+    Filters are no part of them. A law that is told the probabilities of modes is shown with each mode for certain: where it is so, and
+    where it is not, which is a false alarm.
+
+    Args:
+      scenario: of one body.
+      loop: one of several; None: all.
+      at: operating point, as of `linearize`.
+
+    Raises:
+      BadInput: as `linearize`; a law that switches.
+    """
+    linearize(scenario, loop)  # says what cannot be
+    names = scenario.loop_names if loop is None else (loop,)
+    return [case for name in names for case in _of_loop(scenario.singles()[name], name, at)]
+
+
+def _of_loop(scenario: Scenario, name: str, at: float | None) -> list[Case]:
+    model, wheels = linearize(scenario, at=at, sampled=True), scenario.plant.wheel_axes.shape[1]
+    system, settings = build(scenario, np.zeros(1, dtype=np.int64)), scenario.law
+    observer = scenario.observers.get(settings.feedback)
+    told = observer is not None and bool(observer.mode_settings)
+    faults = observer.faults(wheels) if observer is not None and told else (WheelFault.healthy(wheels),)
+    law, effectors = system.law, system.effectors
+    assert isinstance(law, TrackingLaw)
+    assert isinstance(effectors, BodyEffectors)
+    found = []
+    for believed, mode in [(0, 0), *((i, j) for i in np.arange(1, len(faults)).tolist() for j in (i, 0))]:
+        modes = np.eye(len(faults))[believed] if told else None
+        try:
+            gain = -law_gain(law.controller, model.point, modes, settings.late_ticks)
+        except Switches as switches:
+            raise BadInput(f"the law of loop {name} ({settings.type}): {switches}; a boundary layer, or power = 1, gives it one") from None
+        found.append(Case(name, believed, mode, SampledLoop(_driven(model, effectors, faults[mode], modes, settings.late_ticks), gain)))
+    return found
+
+
+def _driven(model: Any, effectors: BodyEffectors, fault: WheelFault, modes: NDArray[np.floating] | None, late_ticks: int) -> Any:
+    """The plant under the torque that the law asks for."""
+    wheels = effectors.wheels
+    if wheels:
+        inputs = np.zeros((wheels + 3, 3))
+        inputs[:wheels] = (1.0 - fault.indicator)[:, None] * allocation_gain(effectors.allocation, wheels, modes)
+    else:
+        inputs = np.eye(3)
+    return late_commands(model.through(inputs, TORQUE), late_ticks)
