@@ -13,8 +13,11 @@ Nothing is computed here: these are the commands' own parts. What goes wrong is 
 
 from __future__ import annotations
 
+import nacs.checked_environment
+
+# isort: split
 from nacs.commands import Results, campaign, crosscheck, replay
-from nacs.errors import NacsError
+from nacs.nacs_error import NacsError
 from nacs.run import Run, run
 from nacs.scenarios import load, scenarios
 from nacs.twin import Twin

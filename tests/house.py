@@ -22,7 +22,8 @@ FLOORS = {
     "estimation": ("models",),
     "control": ("models",),
     "sim": ("models", "estimation", "control"),
-    "nacs": ("models", "estimation", "control", "sim"),
+    "nacs_twin": ("sim",),  # what is loaded first
+    "nacs": ("models", "estimation", "control", "sim", "nacs_twin"),
 }
 # Rooms from the ground up; `ground` are the modules that lie directly in the floor's folder. A room imports from rooms before it only.
 ROOMS = {

@@ -15,9 +15,10 @@ from sim.linear.linear_model import LinearModel
 Array = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
-_NEUTRAL = 1e-5  # poles so near to one are those of the momentum, which no torque of wheels changes
+_FIXED = 1e-5  # poles that move by less when the gain does are out of the law's reach: momentum, modes that no torque excites
+_OTHER_GAIN = 0.7
 _LEAST, _MOST = 1e-3, 1e3  # gains between which a margin is looked for
-_GAINS, _PULSATIONS = 300, 1500
+_GAINS, _PULSATIONS, _BESIDE = 300, 1200, 30
 _SLOWEST = 1e-4  # rad/s, times the sampling period over 0.1 s
 
 
@@ -68,10 +69,18 @@ class SampledLoop:
         """Matrix of the closed loop with gains by `factors`, (..., 3), on the axes; (..., n, n)."""
         return self.plant.A - self.plant.B @ (factors[..., :, None] * (self.gain @ self.plant.C))
 
+    @cached_property
+    def fixed(self) -> ComplexArray:
+        """Poles that do not decay and that no gain moves: wheels exchange momentum with the body and cannot change the whole's."""
+        here, there = (np.linalg.eigvals(self.closed(np.full(3, factor))) for factor in (1.0, _OTHER_GAIN))
+        stays = np.abs(here[:, None] - there).min(axis=-1) < _FIXED
+        return here[stays & (np.abs(np.abs(here) - 1.0) < _FIXED)]
+
     def radius(self, factors: Array) -> Array:
-        """Greatest modulus of a pole with gains by `factors`, (..., 3); (...,). Those of the momentum are left out."""
+        """Greatest modulus of a pole with gains by `factors`, (..., 3); (...,). Fixed ones are left out."""
         poles = np.linalg.eigvals(self.closed(factors))
-        radius: Array = np.max(np.where(np.abs(poles - 1.0) < _NEUTRAL, 0.0, np.abs(poles)), axis=-1)
+        left_out = (np.abs(poles[..., None] - self.fixed) < _FIXED).any(axis=-1)
+        radius: Array = np.max(np.where(left_out, 0.0, np.abs(poles)), axis=-1)
         return radius
 
     def transfer(self, pulsation: Array, axes: list[int]) -> ComplexArray:
@@ -82,6 +91,17 @@ class SampledLoop:
         part = replace(self.plant, A=self.closed(others), B=self.plant.B[:, axes], C=seen, D=np.zeros((len(axes), len(axes))))
         return part.response(pulsation)
 
+    @cached_property
+    def _grid(self) -> Array:
+        """Pulsations, rad/s, closer together where the plant rings."""
+        slowest, fastest = _SLOWEST * 0.1 / self._period, np.pi / self._period
+        ringing = np.abs(self.plant.rates.imag)
+        ringing = ringing[(ringing > slowest) & (ringing < fastest)]
+        beside = np.geomspace(1e-6, 0.1, _BESIDE)
+        near = ringing[:, None] * (1.0 + np.concatenate([-beside, beside]))
+        grid = np.unique(np.concatenate([np.geomspace(slowest, fastest, _PULSATIONS), near.ravel()]))
+        return grid[grid <= fastest]
+
     def margins(self) -> list[Margins]:
         """Of axes 1 to 3 and of all."""
         return [*(self._margins(str(i + 1), [i]) for i in (0, 1, 2)), self._margins("all", [0, 1, 2])]
@@ -89,7 +109,7 @@ class SampledLoop:
     def _margins(self, axis: str, axes: list[int]) -> Margins:
         if float(self.radius(np.ones(3))) >= 1.0:
             return Margins(axis, False, *[np.nan] * 6)
-        grid = np.geomspace(_SLOWEST * 0.1 / self._period, np.pi / self._period, _PULSATIONS)
+        grid = self._grid
         phase, delay, crossover = self._phase(grid, axes)
         up, down = self._gain(axes, _MOST), self._gain(axes, _LEAST)
         return Margins(axis, True, up, down, phase, delay, self._disk(grid, axes), crossover)
