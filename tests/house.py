@@ -27,6 +27,7 @@ FLOORS = {
 }
 # Rooms from the ground up; `ground` are the modules that lie directly in the floor's folder. A room imports from rooms before it only.
 ROOMS = {
+    "nacs_twin": ("ground", "entry"),
     "models": ("ground", "attitude", "dynamics", "plants"),
     "sim": (
         *(

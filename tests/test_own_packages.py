@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-COMMAND = "from nacs_twin.command import main; main()"
+COMMAND = "from nacs_twin.entry.command import main; main()"
 FACE = "import nacs"
 CAUGHT = """
 try:
@@ -24,7 +24,8 @@ except ValueError as wrong:
 
 def python(code: str, *path: Path, arguments: tuple[str, ...] = ("--version",)) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, path)), "PYTHONDONTWRITEBYTECODE": "1"}
-    return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment, cwd=path[0], check=False)
+    started = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(started, capture_output=True, text=True, env=environment, cwd=path[0], check=False)
 
 
 @pytest.fixture(scope="module")

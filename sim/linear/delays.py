@@ -85,7 +85,8 @@ def _chain(width: int, stages: int, share: float) -> tuple[Array, Array, Array, 
 def _pade(age_s: float, width: int) -> tuple[Array, Array, Array, Array]:
     """exp(-s tau) of each of `width` outputs (Golub & Van Loan 2013, sec. 9.3, of the exponential), states stage by stage."""
     i = np.arange(ORDER + 1)
-    tail = np.array([np.prod((ORDER - k + 1 + np.arange(k)) / ((2 * ORDER - k + 1 + np.arange(k)) * (1 + np.arange(k)))) for k in i.tolist()])
+    ratios = (ORDER - i[:-1]) / ((2 * ORDER - i[:-1]) * i[1:])
+    tail = np.cumprod([1.0, *ratios])
     denominator = (tail * age_s**i)[::-1]
     numerator = (tail * (-age_s) ** i)[::-1]
     a, b, c, d = signal.tf2ss(numerator, denominator)

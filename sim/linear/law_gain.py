@@ -24,9 +24,7 @@ class Switches(ValueError):
     """A law that has no slope at its operating point."""
 
 
-def law_gain(
-    law: Controller | RememberingController, point: Array, modes: Array | None = None, late_ticks: int = 0
-) -> Array:
+def law_gain(law: Controller | RememberingController, point: Array, modes: Array | None = None, late_ticks: int = 0) -> Array:
     """Torque asked for by deviations from a state that is the target too, (3, 6 + wheels): of rotation, rate and wheel speeds.
 
     Args:

@@ -75,7 +75,8 @@ class LinearModel:
         if self.dt is None:
             return self.poles
         moving = np.abs(self.poles) > _AT_ONCE
-        return np.where(moving, np.log(np.where(moving, self.poles, 1.0).astype(complex)) / self.dt, -np.inf)
+        rates: ComplexArray = np.where(moving, np.log(np.where(moving, self.poles, 1.0).astype(complex)) / self.dt, -np.inf)
+        return rates
 
     def zeros(self, output: str, input: str) -> ComplexArray:  # the field's word
         """Zeros of one channel, from an input to an output, by their names; raises ValueError for a name that there is not."""

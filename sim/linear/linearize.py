@@ -24,7 +24,9 @@ Way = Literal["differences", "mujoco"]
 WAYS: tuple[Way, ...] = ("differences", "mujoco")
 
 
-def linearize(scenario: Any, loop: str | None = None, at: float | None = None, sampled: bool = False, way: Way = "differences") -> LinearModel:
+def linearize(
+    scenario: Any, loop: str | None = None, at: float | None = None, sampled: bool = False, way: Way = "differences"
+) -> LinearModel:
     """The plant of a scenario as a linear model, from motor torques and a torque from outside to what its sensors read.
 
     Faults, noise, resolution, dry friction and the drives' limits are no part of it.

@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complexfloating]
 _FIXED = 1e-5  # poles that move by less when the gain does are out of the law's reach: momentum, modes that no torque excites
 _OTHER_GAIN = 0.7
 _LEAST, _MOST = 1e-3, 1e3  # gains between which a margin is looked for
-_GAINS, _PULSATIONS, _BESIDE = 300, 1200, 30
+_GAINS, _PULSATIONS, _BESIDE = 120, 800, 30
 _SLOWEST = 1e-4  # rad/s, times the sampling period over 0.1 s
 
 
@@ -133,7 +133,7 @@ class SampledLoop:
         return np.take_along_axis(values, np.argsort(np.abs(values), axis=-1), axis=-1)
 
     def _phase(self, grid: Array, axes: list[int]) -> tuple[float, float, float]:
-        """Least phase, deg, and least delay, s, that bring an eigenvalue of L to -1, and the greatest pulsation at which one has size one."""
+        """Least phase, deg, and delay, s, that bring an eigenvalue of L to -1, and the greatest pulsation at which one has size one."""
         larger = np.abs(self._loci(grid, axes)) > 1.0
         found = []
         for left, branch in np.argwhere(larger[1:] != larger[:-1]).tolist():

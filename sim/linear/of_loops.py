@@ -12,7 +12,7 @@ from sim.bad_input import BadInput
 from sim.controllers.tracking import TrackingLaw
 from sim.linear.delays import late_commands
 from sim.linear.law_gain import Switches, allocation_gain, law_gain
-from sim.linear.linear_model import Quantities
+from sim.linear.linear_model import LinearModel, Quantities
 from sim.linear.linearize import linearize
 from sim.linear.margins import Margins, SampledLoop
 from sim.loop.body_parts import BodyEffectors
@@ -29,25 +29,25 @@ class Case(NamedTuple):
       loop: its name.
       believed: mode that the law believes in, 0 being the healthy one.
       mode: mode that the plant is in.
-      sampled: the loop itself.
+      sampled: the loop itself; None: its law switches, and has no slope.
     """
 
     loop: str
     believed: int
     mode: int
-    sampled: SampledLoop
+    sampled: SampledLoop | None
 
     @property
     def margins(self) -> list[Margins]:
-        """Of axes 1 to 3 and of all."""
-        return self.sampled.margins()
+        """Of axes 1 to 3 and of all; none of a law that switches."""
+        return [] if self.sampled is None else self.sampled.margins()
 
 
 def cases(scenario: Any, loop: str | None = None, at: float | None = None) -> list[Case]:
     """Loops of a scenario of one body, told the state as sensors read it without noise, with readings' and commands' delays.
 
-    Filters are no part of them. A law that is told the probabilities of modes is shown with each mode for certain: where it is so, and
-    where it is not, which is a false alarm.
+    Filters are no part of them. A law that is told the probabilities of modes is shown with each mode for certain: where it is so, where
+    it is so and not yet believed, and where it is believed and not so.
 
     Args:
       scenario: of one body.
@@ -55,11 +55,14 @@ def cases(scenario: Any, loop: str | None = None, at: float | None = None) -> li
       at: operating point, as of `linearize`.
 
     Raises:
-      BadInput: as `linearize`; a law that switches.
+      BadInput: as `linearize`; if every law switches.
     """
     linearize(scenario, loop)  # says what cannot be
     names = scenario.loop_names if loop is None else (loop,)
-    return [case for name in names for case in _of_loop(scenario.singles()[name], name, at)]
+    found = [case for name in names for case in _of_loop(scenario.singles()[name], name, at)]
+    if all(case.sampled is None for case in found):
+        raise BadInput(f"loop {found[0].loop}: its law switches at rest and has no slope; a boundary layer, or power = 1, gives it one")
+    return found
 
 
 def _of_loop(scenario: Scenario, name: str, at: float | None) -> list[Case]:
@@ -72,17 +75,19 @@ def _of_loop(scenario: Scenario, name: str, at: float | None) -> list[Case]:
     assert isinstance(law, TrackingLaw)
     assert isinstance(effectors, BodyEffectors)
     found = []
-    for believed, mode in [(0, 0), *((i, j) for i in np.arange(1, len(faults)).tolist() for j in (i, 0))]:
+    for believed, mode in [(0, 0), *(case for i in np.arange(1, len(faults)).tolist() for case in ((i, i), (0, i), (i, 0)))]:
         modes = np.eye(len(faults))[believed] if told else None
         try:
             gain = -law_gain(law.controller, model.point, modes, settings.late_ticks)
-        except Switches as switches:
-            raise BadInput(f"the law of loop {name} ({settings.type}): {switches}; a boundary layer, or power = 1, gives it one") from None
+        except Switches:
+            return [Case(name, 0, 0, None)]
         found.append(Case(name, believed, mode, SampledLoop(_driven(model, effectors, faults[mode], modes, settings.late_ticks), gain)))
     return found
 
 
-def _driven(model: Any, effectors: BodyEffectors, fault: WheelFault, modes: NDArray[np.floating] | None, late_ticks: int) -> Any:
+def _driven(
+    model: LinearModel, effectors: BodyEffectors, fault: WheelFault, modes: NDArray[np.floating] | None, late_ticks: int
+) -> LinearModel:
     """The plant under the torque that the law asks for."""
     wheels = effectors.wheels
     if wheels:
