@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -401,3 +402,28 @@ def test_python_is_told_the_same() -> None:
         nacs.margins("formation/fault-free")
     with pytest.raises(ValueError, match="output 'x': there is none; there are theta1, theta2"):
         nacs.linearize("nacs/fault-free").zeros("x", "motor1")
+
+
+# ---- the page and its example
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def test_the_page_is_what_its_script_prints() -> None:
+    """All of its text, and three loops of its table flown anew."""
+    script, written = runpy.run_path(str(DOCS / "linear.py")), (DOCS / "linear.md").read_text(encoding="utf-8")
+    table = [line for line in written.splitlines() if line.startswith("| `") and line.count("|") > 8]
+    anew = "print it anew: python docs/linear.py > docs/linear.md"
+    assert written == script["page"](table), anew
+    assert len(table) == sum(len(shown.situations) for shown in script["SHOWN"])
+    for shown in (*script["SHOWN"][:2], script["SHOWN"][-1]):
+        assert set(script["rows"](shown)) <= set(table), anew
+
+
+def test_a_regulator_that_is_designed_on_the_model_settles_the_twin() -> None:
+    example = runpy.run_path(str(DOCS / "examples" / "lqr.py"))
+    model = nacs.linearize("nacs/fault-free", set=example["AT_REST"], sampled=True)
+    gain = example["design"](model)
+    angles = example["fly"](gain, seconds=4.0)
+    assert angles[0].max() > 2.0
+    assert angles[-1].max() < 0.1 * angles[0].max()

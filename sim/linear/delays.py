@@ -12,7 +12,7 @@ from sim.linear.linear_model import LinearModel, Quantities
 
 Array = NDArray[np.floating]
 
-ORDER = 3  # of Padé's approximation: half a degree of phase at w tau = 3.3
+ORDER = 3  # of Padé's approximation: half a degree of phase at w tau = 2.6
 
 
 def late_readings(model: LinearModel, age_s: float) -> LinearModel:

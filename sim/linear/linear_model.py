@@ -75,7 +75,8 @@ class LinearModel:
         if self.dt is None:
             return self.poles
         moving = np.abs(self.poles) > _AT_ONCE
-        rates: ComplexArray = np.where(moving, np.log(np.where(moving, self.poles, 1.0).astype(complex)) / self.dt, -np.inf)
+        rates = np.full(len(moving), -np.inf, dtype=complex)
+        rates[moving] = np.log(self.poles[moving].astype(complex)) / self.dt
         return rates
 
     def zeros(self, output: str, input: str) -> ComplexArray:  # the field's word

@@ -18,7 +18,7 @@ ComplexArray = NDArray[np.complexfloating]
 _FIXED = 1e-5  # poles that move by less when the gain does are out of the law's reach: momentum, modes that no torque excites
 _OTHER_GAIN = 0.7
 _LEAST, _MOST = 1e-3, 1e3  # gains between which a margin is looked for
-_GAINS, _PULSATIONS, _BESIDE = 120, 800, 30
+_GAINS, _PULSATIONS, _BESIDE = 60, 600, 30
 _SLOWEST = 1e-4  # rad/s, times the sampling period over 0.1 s
 
 
