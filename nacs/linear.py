@@ -47,7 +47,12 @@ def linearize(
 
 
 def margins(
-    scenario: Source = "nacs/fault-free", *, loop: str | None = None, at: float | None = None, set: Mapping[str, Any] | None = None
+    scenario: Source = "nacs/fault-free",
+    *,
+    loop: str | None = None,
+    at: float | None = None,
+    flown: bool = False,
+    set: Mapping[str, Any] | None = None,  # as the command calls it
 ) -> list[Case]:
     """Gain, phase, delay and disk margins of a scenario's loops, in each mode that the law is told of.
 
@@ -59,6 +64,7 @@ def margins(
       scenario: as for `nacs.run`; of one body.
       loop: one of several; default: all.
       at: as for `linearize`.
+      flown: of the loops as they are flown, with their filters; default: told the state.
       set: dotted keys to values, taken instead of what the scenario says.
 
     Raises:
@@ -66,4 +72,4 @@ def margins(
     """
     _, settings = named(scenario, set, None, None, UserCode())
     with in_one_line():
-        return cases(settings, loop, at)
+        return cases(settings, loop, at, flown)

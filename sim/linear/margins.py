@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -47,8 +48,91 @@ class Margins(NamedTuple):
     crossover_rad_s: float
 
 
+class Loop(ABC):
+    """A sampled loop about three axes, known by what goes round it."""
+
+    @property
+    @abstractmethod
+    def period_s(self) -> float:
+        """Of its samples."""
+
+    @abstractmethod
+    def transfer(self, pulsation: Array, axes: list[int]) -> ComplexArray:
+        """L at (k,) rad/s, (k, axes, axes), from the torque on some axes round to minus it, the other loops being closed."""
+
+    @abstractmethod
+    def gains(self, axes: list[int]) -> tuple[float, float]:
+        """Factors on the gain of some axes, above one and below, at which the loop becomes unstable; inf and 0: none."""
+
+    @property
+    @abstractmethod
+    def stable(self) -> bool:
+        """Whether it is, as it is."""
+
+    @cached_property
+    def grid(self) -> Array:
+        """Pulsations, rad/s, closer together where the plant rings."""
+        slowest, fastest = _SLOWEST * 0.1 / self.period_s, np.pi / self.period_s
+        ringing = self.ringing[(self.ringing > slowest) & (self.ringing < fastest)]
+        beside = np.geomspace(1e-6, 0.1, _BESIDE)
+        near = ringing[:, None] * (1.0 + np.concatenate([-beside, beside]))
+        grid = np.unique(np.concatenate([np.geomspace(slowest, fastest, _PULSATIONS), near.ravel()]))
+        return grid[grid <= fastest]
+
+    @property
+    def ringing(self) -> Array:
+        """Pulsations of the plant's resonances, rad/s."""
+        return np.zeros(0)
+
+    def margins(self) -> list[Margins]:
+        """Of axes 1 to 3 and of all."""
+        return [*(self._margins(str(i + 1), [i]) for i in (0, 1, 2)), self._margins("all", [0, 1, 2])]
+
+    def _margins(self, axis: str, axes: list[int]) -> Margins:
+        if not self.stable:
+            return Margins(axis, False, *[np.nan] * 6)
+        phase, delay, crossover = self._phase(axes)
+        return Margins(axis, True, *self.gains(axes), phase, delay, self._disk(axes), crossover)
+
+    def loci(self, pulsation: Array, axes: list[int]) -> ComplexArray:
+        """Eigenvalues of L by size, (k, axes)."""
+        values = np.linalg.eigvals(self.transfer(pulsation, axes))
+        return np.take_along_axis(values, np.argsort(np.abs(values), axis=-1), axis=-1)
+
+    def _phase(self, axes: list[int]) -> tuple[float, float, float]:
+        """Least phase, deg, and delay, s, that bring an eigenvalue of L to -1, and the greatest pulsation at which one has size one."""
+        grid = self.grid
+        larger = np.abs(self.loci(grid, axes)) > 1.0
+        found = []
+        for left, branch in np.argwhere(larger[1:] != larger[:-1]).tolist():
+
+            def excess(pulsation: float, branch: int = branch) -> float:
+                return float(np.log(np.abs(self.loci(np.array([pulsation]), axes)[0, branch])))
+
+            pulsation = float(optimize.brentq(excess, grid[left], grid[left + 1], xtol=1e-12))
+            lag = float(np.angle(-self.loci(np.array([pulsation]), axes)[0, branch]))
+            found.append((abs(lag), (lag % (2.0 * np.pi)) / pulsation, pulsation))
+        if not found:
+            return np.inf, np.inf, np.nan
+        phases, delays, pulsations = zip(*found, strict=True)
+        return float(np.degrees(min(phases))), min(delays), max(pulsations)
+
+    def _disk(self, axes: list[int]) -> float:
+        """One over the peak of (S - T) / 2 = S - 1/2, in the largest singular value."""
+        grid, one = self.grid, np.eye(len(axes))
+
+        def size(pulsation: Array) -> Array:
+            return np.linalg.norm(np.linalg.inv(one + self.transfer(pulsation, axes)) - one / 2.0, ord=2, axis=(-2, -1))
+
+        sizes = size(grid)
+        peak = int(np.argmax(sizes))
+        low, high = grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)]
+        best = optimize.minimize_scalar(lambda w: -float(size(np.array([w]))[0]), bounds=(low, high), method="bounded")
+        return 1.0 / max(float(sizes[peak]), -float(best.fun))
+
+
 @dataclass(frozen=True, eq=False)
-class SampledLoop:
+class SampledLoop(Loop):
     """u = -K y around a sampled plant without direct feedthrough.
 
     Attributes:
@@ -59,11 +143,24 @@ class SampledLoop:
     plant: LinearModel
     gain: Array
 
-    @cached_property
-    def _period(self) -> float:
+    def __post_init__(self) -> None:
         if self.plant.dt is None or self.plant.D.any():
             raise ValueError("margins are of a sampled loop without direct feedthrough")
-        return self.plant.dt
+
+    @property
+    def period_s(self) -> float:
+        """Of its samples."""
+        return float(self.plant.dt or 0.0)
+
+    @cached_property
+    def ringing(self) -> Array:
+        """Pulsations of the plant's resonances, rad/s."""
+        return np.abs(self.plant.rates.imag)
+
+    @cached_property
+    def stable(self) -> bool:
+        """Whether all poles that a gain can move decay."""
+        return bool(self.radius(np.ones(3)) < 1.0)
 
     def closed(self, factors: Array) -> Array:
         """Matrix of the closed loop with gains by `factors`, (..., 3), on the axes; (..., n, n)."""
@@ -91,28 +188,9 @@ class SampledLoop:
         part = replace(self.plant, A=self.closed(others), B=self.plant.B[:, axes], C=seen, D=np.zeros((len(axes), len(axes))))
         return part.response(pulsation)
 
-    @cached_property
-    def _grid(self) -> Array:
-        """Pulsations, rad/s, closer together where the plant rings."""
-        slowest, fastest = _SLOWEST * 0.1 / self._period, np.pi / self._period
-        ringing = np.abs(self.plant.rates.imag)
-        ringing = ringing[(ringing > slowest) & (ringing < fastest)]
-        beside = np.geomspace(1e-6, 0.1, _BESIDE)
-        near = ringing[:, None] * (1.0 + np.concatenate([-beside, beside]))
-        grid = np.unique(np.concatenate([np.geomspace(slowest, fastest, _PULSATIONS), near.ravel()]))
-        return grid[grid <= fastest]
-
-    def margins(self) -> list[Margins]:
-        """Of axes 1 to 3 and of all."""
-        return [*(self._margins(str(i + 1), [i]) for i in (0, 1, 2)), self._margins("all", [0, 1, 2])]
-
-    def _margins(self, axis: str, axes: list[int]) -> Margins:
-        if float(self.radius(np.ones(3))) >= 1.0:
-            return Margins(axis, False, *[np.nan] * 6)
-        grid = self._grid
-        phase, delay, crossover = self._phase(grid, axes)
-        up, down = self._gain(axes, _MOST), self._gain(axes, _LEAST)
-        return Margins(axis, True, up, down, phase, delay, self._disk(grid, axes), crossover)
+    def gains(self, axes: list[int]) -> tuple[float, float]:
+        """Where a pole leaves the unit circle."""
+        return self._gain(axes, _MOST), self._gain(axes, _LEAST)
 
     def _gain(self, axes: list[int], end: float) -> float:
         """The first factor on the gain of some axes, on the way from one to `end`, that makes the loop unstable."""
@@ -126,38 +204,3 @@ class SampledLoop:
         if not len(unstable):
             return np.inf if end > 1.0 else 0.0
         return float(optimize.bisect(beyond, *factors[[unstable[0] - 1, unstable[0]]], xtol=1e-9))
-
-    def _loci(self, pulsation: Array, axes: list[int]) -> ComplexArray:
-        """Eigenvalues of L by size, (k, axes)."""
-        values = np.linalg.eigvals(self.transfer(pulsation, axes))
-        return np.take_along_axis(values, np.argsort(np.abs(values), axis=-1), axis=-1)
-
-    def _phase(self, grid: Array, axes: list[int]) -> tuple[float, float, float]:
-        """Least phase, deg, and delay, s, that bring an eigenvalue of L to -1, and the greatest pulsation at which one has size one."""
-        larger = np.abs(self._loci(grid, axes)) > 1.0
-        found = []
-        for left, branch in np.argwhere(larger[1:] != larger[:-1]).tolist():
-
-            def excess(pulsation: float, branch: int = branch) -> float:
-                return float(np.log(np.abs(self._loci(np.array([pulsation]), axes)[0, branch])))
-
-            pulsation = float(optimize.brentq(excess, grid[left], grid[left + 1], xtol=1e-12))
-            lag = float(np.angle(-self._loci(np.array([pulsation]), axes)[0, branch]))
-            found.append((abs(lag), (lag % (2.0 * np.pi)) / pulsation, pulsation))
-        if not found:
-            return np.inf, np.inf, np.nan
-        phases, delays, pulsations = zip(*found, strict=True)
-        return float(np.degrees(min(phases))), min(delays), max(pulsations)
-
-    def _disk(self, grid: Array, axes: list[int]) -> float:
-        """One over the peak of (S - T) / 2 = S - 1/2, in the largest singular value."""
-        one = np.eye(len(axes))
-
-        def size(pulsation: Array) -> Array:
-            return np.linalg.norm(np.linalg.inv(one + self.transfer(pulsation, axes)) - one / 2.0, ord=2, axis=(-2, -1))
-
-        sizes = size(grid)
-        peak = int(np.argmax(sizes))
-        low, high = grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)]
-        best = optimize.minimize_scalar(lambda w: -float(size(np.array([w]))[0]), bounds=(low, high), method="bounded")
-        return 1.0 / max(float(sizes[peak]), -float(best.fun))

@@ -11,10 +11,11 @@ from models.dynamics.wheel_faults import WheelFault
 from sim.bad_input import BadInput
 from sim.controllers.tracking import TrackingLaw
 from sim.linear.delays import late_commands
+from sim.linear.flown_loop import flown_loop
 from sim.linear.law_gain import Switches, allocation_gain, law_gain
 from sim.linear.linear_model import LinearModel, Quantities
 from sim.linear.linearize import linearize
-from sim.linear.margins import Margins, SampledLoop
+from sim.linear.margins import Loop, Margins, SampledLoop
 from sim.loop.body_parts import BodyEffectors
 from sim.loop.build import build
 from sim.scenario.one_body import Scenario
@@ -30,12 +31,14 @@ class Case(NamedTuple):
       believed: mode that the law believes in, 0 being the healthy one.
       mode: mode that the plant is in.
       sampled: the loop itself; None: its law switches, and has no slope.
+      told: who tells the law the state: `state`, as it is read without noise, or the filter with which the loop was flown.
     """
 
     loop: str
     believed: int
     mode: int
-    sampled: SampledLoop | None
+    sampled: Loop | None
+    told: str = "state"
 
     @property
     def margins(self) -> list[Margins]:
@@ -43,26 +46,33 @@ class Case(NamedTuple):
         return [] if self.sampled is None else self.sampled.margins()
 
 
-def cases(scenario: Any, loop: str | None = None, at: float | None = None) -> list[Case]:
-    """Loops of a scenario of one body, told the state as sensors read it without noise, with readings' and commands' delays.
+def cases(scenario: Any, loop: str | None = None, at: float | None = None, flown: bool = False) -> list[Case]:
+    """Loops of a scenario of one body, told the state as sensors read it without noise, with readings' and commands' delays; or as flown.
 
-    Filters are no part of them. A law that is told the probabilities of modes is shown with each mode for certain: where it is so, where
-    it is so and not yet believed, and where it is believed and not so.
+    Filters are no part of them unless they are flown. A law that is told the probabilities of modes is shown with each mode for certain:
+    where it is so, where it is so and not yet believed, and where it is believed and not so.
 
     Args:
       scenario: of one body.
       loop: one of several; None: all.
       at: operating point, as of `linearize`.
+      flown: as they are, filters included, found by how the law answers pulses of torque, all being well.
 
     Raises:
-      BadInput: as `linearize`; if every law switches.
+      BadInput: as `linearize`; if every law switches; a flight fails; loops are flown from their start alone, not `at` another point.
     """
     linearize(scenario, loop)  # says what cannot be
     names = scenario.loop_names if loop is None else (loop,)
+    if flown and at is not None:
+        raise BadInput(f"at {at:g} s: loops are flown from their start; leave it out, or `flown`")
     found = [case for name in names for case in _of_loop(scenario.singles()[name], name, at)]
     if all(case.sampled is None for case in found):
         raise BadInput(f"loop {found[0].loop}: its law switches at rest and has no slope; a boundary layer, or power = 1, gives it one")
-    return found
+    return [_as_flown(scenario.singles()[case.loop], case) for case in found if case.believed == case.mode == 0] if flown else found
+
+
+def _as_flown(scenario: Scenario, case: Case) -> Case:
+    return case if case.sampled is None else case._replace(sampled=flown_loop(scenario, case.loop), told=scenario.law.feedback)
 
 
 def _of_loop(scenario: Scenario, name: str, at: float | None) -> list[Case]:

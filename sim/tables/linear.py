@@ -12,7 +12,7 @@ from sim.linear.margins import Margins
 from sim.linear.of_loops import Case
 
 # of the weakest of the three axes, the other two loops being closed as they are; `all`: of all three at once
-COLUMNS = ("loop", "believes", "is so", "gain", "gain, all", "deg", "ms", "disk", "disk, all")
+COLUMNS = ("loop", "told", "believes", "is so", "gain", "gain, all", "deg", "ms", "disk", "disk, all")
 
 
 def poles(model: LinearModel) -> Table:
@@ -34,7 +34,7 @@ def poles(model: LinearModel) -> Table:
 def margin_rows(cases: list[Case]) -> Iterator[tuple[str, ...]]:
     """Cells under COLUMNS, a row for each case."""
     for case in cases:
-        situation, found = (case.loop, _mode(case.believed), _mode(case.mode)), case.margins
+        situation, found = (case.loop, case.told, _mode(case.believed), _mode(case.mode)), case.margins
         if not found:
             yield (*situation, "switches", *[""] * 5)
         elif not found[0].stable:

@@ -28,6 +28,7 @@ def linearize_scenario(
     sampled: Annotated[bool, typer.Option("--sampled", help="at the control period; default: continuous")] = False,
     way: Annotated[str, typer.Option(metavar="WAY", help="differences of the twin's step, or mujoco, its own derivatives")] = WAYS[0],
     margins: Annotated[bool, typer.Option("--margins", help="show gain, phase, delay and disk margins of the loops")] = False,
+    flown: Annotated[bool, typer.Option("--flown", help="margins of the loops as they are flown, with their filters")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file if it is there")] = False,
     overrides: Overrides = None,
 ) -> None:
@@ -44,9 +45,9 @@ def linearize_scenario(
             f"drift at the operating point, greatest: {np.max(np.abs(model.drift)):.3g}\n"
         )
         out.print(tables.poles(model))
-        if margins:
+        if margins or flown:
             out.print()
-            out.print(tables.margins(cases(scenario, loop, at)))
+            out.print(tables.margins(cases(scenario, loop, at, flown)))
         if file is None:
             return
         files = ResultFiles(file.parent)
