@@ -142,7 +142,9 @@ deg and 15 % of the gain.
 
 With its Kalman filter a loop has 10 deg less phase and four times the gain margin: a filter that knows the torque that was commanded
 trusts its model beyond a few rad/s, and passes little of what the drives do besides. That is so for gains that the drives have wrong;
-what the law itself has wrong its filter knows, and then the rows told the state hold. Without a rate gyro little of either is left.
+what the law itself has wrong its filter knows, and then the rows told the state hold. Without a rate gyro little of either is left. All
+of it holds for small signals: near such a margin a start one degree off brings the drives to their limit, and the loop does not come
+back.
 
 A law that switches at rest (a sliding mode without boundary layer, finite-time laws) has no slope and no margins; the command says so.
 """

@@ -54,7 +54,7 @@ class FlownLoop(Loop):
         """L of some axes, the other loops being closed: (1 + T)^-1 - 1 of these axes."""
         turned = np.exp(-1j * np.asarray(pulsation)[:, None] * self.dt * np.arange(len(self.answers)))
         sensitivity = np.eye(3) + np.tensordot(turned, self.answers, axes=1)
-        return np.linalg.inv(sensitivity[:, axes][:, :, axes]) - np.eye(len(axes))
+        return np.asarray(np.linalg.inv(sensitivity[:, axes][:, :, axes]) - np.eye(len(axes)), dtype=complex)
 
     def gains(self, axes: list[int]) -> tuple[float, float]:
         """Where an eigenvalue of L crosses the negative real axis, g L = -1."""

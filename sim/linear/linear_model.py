@@ -100,8 +100,7 @@ class LinearModel:
         s = 1j * np.asarray(pulsation, dtype=float)
         point = s if self.dt is None else np.exp(s * self.dt)
         solved = np.linalg.solve(point[:, None, None] * np.eye(len(self.A)) - self.A, self.B)
-        response: ComplexArray = self.C @ solved + self.D
-        return response
+        return np.asarray(self.C @ solved + self.D, dtype=complex)
 
     def arrays(self) -> dict[str, Any]:
         """Everything by name, as it is written to a file; `dt` of a continuous model is zero."""
