@@ -50,12 +50,16 @@ def margin_rows(cases: list[Case]) -> Iterator[tuple[str, ...]]:
 
 
 def margins(cases: list[Case]) -> Table:
-    """The rows as a table."""
+    """The rows as a table, without columns that would be alike in all of them."""
+    rows = list(margin_rows(cases))
+    told, modes = any(case.told != "state" for case in cases), any(case.believed or case.mode for case in cases)
+    shown = [True, told, modes, modes, *[True] * (len(COLUMNS) - 4)]
     table = Table(box=None, pad_edge=False)
     for i, column in enumerate(COLUMNS):
-        table.add_column(column, no_wrap=True, justify="left" if i < 3 else "right")
-    for row in margin_rows(cases):
-        table.add_row(*row)
+        if shown[i]:
+            table.add_column(column.rpartition(", ")[2], no_wrap=True, justify="left" if i < 4 else "right")
+    for row in rows:
+        table.add_row(*(cell for cell, wanted in zip(row, shown, strict=True) if wanted))
     return table
 
 
