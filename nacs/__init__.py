@@ -7,16 +7,34 @@
 >>> flown.metrics                    # how good it was: a row a trial and metric
 >>> flown.report()                   # a figure
 >>> flown.show()                     # the Rerun viewer
+>>> nacs.linearize().poles           # a linear model of the plant: A, B, C, D
 
 Nothing is computed here: these are the commands' own parts. What goes wrong is a `NacsError` of one line.
 """
 
 from __future__ import annotations
 
+import nacs.checked_environment  # noqa: F401  # before anything else
+
+# isort: split
 from nacs.commands import Results, campaign, crosscheck, replay
-from nacs.errors import NacsError
+from nacs.linear import linearize, margins
+from nacs.nacs_error import NacsError
 from nacs.run import Run, run
 from nacs.scenarios import load, scenarios
 from nacs.twin import Twin
 
-__all__ = ["NacsError", "Results", "Run", "Twin", "campaign", "crosscheck", "load", "replay", "run", "scenarios"]
+__all__ = [
+    "NacsError",
+    "Results",
+    "Run",
+    "Twin",
+    "campaign",
+    "crosscheck",
+    "linearize",
+    "load",
+    "margins",
+    "replay",
+    "run",
+    "scenarios",
+]

@@ -14,7 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import typer
 
-from nacs.errors import NacsError, extra, in_one_line
+from nacs.errors import extra, in_one_line
+from nacs.nacs_error import NacsError
 from sim.cli.commands.campaign import campaign as campaign_command
 from sim.cli.commands.crosscheck import crosscheck as crosscheck_command
 from sim.cli.commands.replay import replay as replay_command

@@ -1,4 +1,4 @@
-"""The one exception of the Python face: what the command would say in a line."""
+"""What goes wrong as the one exception of the Python face: what the command would say in a line."""
 
 from __future__ import annotations
 
@@ -6,21 +6,10 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from nacs.nacs_error import NacsError
 from sim.bad_input import BadInput
 from sim.cli.in_words import SHOW_TRACEBACK, in_words
 from sim.text.one_line import one_line
-
-
-class NacsError(ValueError):
-    """What went wrong, in one line: what, where, and what would be right.
-
-    Attributes:
-      exit_code: of the command in the same case: 2 for bad input, 3 for a simulation that failed.
-    """
-
-    def __init__(self, line: str, exit_code: int = 2) -> None:
-        super().__init__(line)
-        self.exit_code = exit_code
 
 
 @contextmanager

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nacs.errors import NacsError, extra, in_one_line
+from nacs.errors import extra, in_one_line
+from nacs.nacs_error import NacsError
 from nacs.scenarios import Source, named
 from sim.campaign import cost
 from sim.campaign.blocks import cut, simulate_all

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from nacs.errors import NacsError, in_one_line
+from nacs.errors import in_one_line
+from nacs.nacs_error import NacsError
 from nacs.scenarios import Source, named
 from sim.campaign import cost
 from sim.loop.build import build

@@ -22,10 +22,12 @@ FLOORS = {
     "estimation": ("models",),
     "control": ("models",),
     "sim": ("models", "estimation", "control"),
-    "nacs": ("models", "estimation", "control", "sim"),
+    "nacs_twin": ("sim",),  # what is loaded first
+    "nacs": ("models", "estimation", "control", "sim", "nacs_twin"),
 }
 # Rooms from the ground up; `ground` are the modules that lie directly in the floor's folder. A room imports from rooms before it only.
 ROOMS = {
+    "nacs_twin": ("ground", "entry"),
     "models": ("ground", "attitude", "dynamics", "plants"),
     "sim": (
         *(
@@ -40,6 +42,7 @@ ROOMS = {
             "user_code",
             "scenario",
             "loop",
+            "linear",
             "metrics",
         ),
         *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "export", "cli"),

@@ -65,6 +65,11 @@ class LawSettings(Section, ABC):
         """What the demand is clipped to about each body axis; None: by the drives alone."""
         return None
 
+    @property
+    def late_ticks(self) -> int:
+        """Ticks from a decision to its torque."""
+        return 0
+
     def check(self, where: str, tick_s: float) -> None:
         """Raise ValueError if the law cannot do with so few decisions; complaints begin with `where`."""
 
@@ -173,6 +178,11 @@ class UnfalsifiedSettings(LawSettings):
     candidates: Literal["pd", "pid"] = Field("pd", description="whether laws with integral action are candidates too")
     integrals: tuple[Positive, ...] = Field((0.01, 0.02, 0.05), description="of those: C_I / C_p over lambda")
     delay_ticks: Annotated[int, Field(ge=0, le=100_000)] = Field(0, description="from a decision to its torque")
+
+    @property
+    def late_ticks(self) -> int:
+        """Its delay."""
+        return self.delay_ticks
 
     def check(self, where: str, tick_s: float) -> None:
         """Raise ValueError if the tick does not follow the design's frequencies."""
