@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.cli.bridges.convert import convert
 from sim.cli.bridges.export import export
 from sim.cli.commands.bound import bound
 from sim.cli.commands.campaign import campaign
@@ -52,6 +53,7 @@ def options(
 
 app.command("run")(run)
 app.command("export")(export)
+app.command("convert")(convert)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)
