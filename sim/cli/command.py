@@ -20,6 +20,7 @@ from sim.cli.commands.campaign import campaign
 from sim.cli.commands.crosscheck import crosscheck
 from sim.cli.commands.falsify import falsify
 from sim.cli.commands.list import list_scenarios
+from sim.cli.commands.new import new, schema
 from sim.cli.commands.replay import replay
 from sim.cli.commands.run import run
 from sim.cli.commands.view import view
@@ -60,6 +61,8 @@ app.command("crosscheck")(crosscheck)
 app.command("bound")(bound)
 app.command("campaign")(campaign)
 app.command("list")(list_scenarios)
+app.command("new")(new)
+app.command("schema")(schema)
 
 
 @app.command("parameters")
