@@ -223,6 +223,7 @@ WRONG: dict[str, tuple[str, str, str]] = {  # what is replaced by what, and what
     "clock": ('column = "t"', 'column = "t"\nunit = "ms"', "times look like s taken for ms; put it right"),
     "a column": ('"gx"', '"g_x"', "rate.columns: lab.csv: has no column 'g_x'; did you mean 'gx'?"),
     "the clock's column": ('column = "t"', 'column = "clock"', "time.column: lab.csv: has no column 'clock'; there are t, q_w"),
+    "a column twice": ('"gy"', '"gx"', "rate.columns: names 'gx' twice"),
     "a key": ("[rate]", "[rates]", "rates: unknown key; did you mean rate?"),
     "a unit": ('"deg/s"', '"m/s"', "rate: unit 'm/s' is none of rate; there are rad/s, deg/s, rpm"),
     "axes": ('order = "scalar-first"', 'world = "NEU"', "axes 'NEU': are left-handed"),
@@ -278,6 +279,8 @@ def test_a_log_that_looks_wrong_can_be_trusted(nacs, own, tmp_path) -> None:
         (["words.csv", "--inspect"], "words.csv: has no column of numbers"),
         (["twice.csv", "--inspect"], "twice.csv: has two columns a"),
         (["ragged.csv", "--inspect"], "ragged.csv: cannot be read as CSV"),
+        (["longer.csv", "--inspect"], "longer.csv: cannot be read as CSV"),
+        (["heading.csv", "--inspect"], "heading.csv: has fewer than two rows of numbers"),
         (["bad.mat", "--inspect"], "bad.mat: cannot be read"),
         (["bad.mcap", "--inspect"], "bad.mcap: cannot be read as MCAP"),
         (["bad.h5", "--inspect"], "bad.h5: cannot be read"),
@@ -290,6 +293,8 @@ def test_what_cannot_be_read_is_said_in_one_line(nacs, tmp_path, arguments, reas
         "words.csv": "a,b\nx,y\nz,w\n",
         "twice.csv": "a,a\n1,2\n3,4\n",
         "ragged.csv": "a,b\n1,2\n3\n4,5\n",
+        "longer.csv": "a,b\n1,2\n3,4\n5,6,7\n",
+        "heading.csv": "a,b\n",
         "map.toml": RPM_MAP,
         **dict.fromkeys(("bad.mat", "bad.mcap", "bad.h5"), "no such thing, but long enough to look at " * 9),
     }.items():
@@ -422,6 +427,17 @@ def test_a_robots_log_whose_topics_come_at_their_own_instants(nacs, own, tmp_pat
     assert found[OMEGA][::2].isna().all(axis=None)
 
 
+def test_a_robots_log_with_a_number_that_is_none_is_refused(nacs, tmp_path) -> None:
+    with (tmp_path / "lab.mcap").open("wb") as file:
+        log = Writer(file)
+        log.start()
+        log.add_message(log.register_channel("/imu", "json", 0), 0, b'{"a": 1' + b"0" * 400 + b"}", 0)
+        log.finish()
+    result = nacs("convert", "lab.mcap", "--inspect")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "lab.mcap: cannot be read as MCAP" in result.err
+
+
 # ---- what CSV files are like
 
 
@@ -434,12 +450,13 @@ def test_a_robots_log_whose_topics_come_at_their_own_instants(nacs, own, tmp_pat
         "# a remark, with a comma\n# another\nt,a\n0,1.5\n1,2.5\n",
         "Logger 7\nSerial 12\n\nt,a\n0,1.5\n1,2.5\n",
         '\ufeff"t","a"\n0,1.5\n1,2.5\n',
+        "t a\n0 1,5\n1 2,5\n",
     ],
-    ids=["commas", "semicolons and decimal commas", "tabs", "remarks", "a preamble", "quotes and a mark"],
+    ids=["commas", "semicolons and decimal commas", "tabs", "remarks", "a preamble", "quotes and a mark", "spaces"],
 )
 def test_columns_of_text(tmp_path, text) -> None:
     (tmp_path / "lab.csv").write_bytes(text.encode())
-    found = comma_separated.columns(tmp_path / "lab.csv", FileMap(decimal="," if "1,5" in text else "."))
+    found = comma_separated.columns(tmp_path / "lab.csv", FileMap())
     assert {name: values.tolist() for name, values in found.items()} == {"t": [0, 1], "a": [1.5, 2.5]}
 
 
@@ -448,6 +465,8 @@ def test_columns_without_a_heading_and_with_gaps(tmp_path) -> None:
     found = comma_separated.columns(tmp_path / "lab.csv", FileMap())
     assert list(found) == ["column1", "column2"]
     np.testing.assert_array_equal(found["column2"], [1.5, np.nan, np.nan])
+    (tmp_path / "lab.csv").write_text('"a, in V",b\n1,2\n3,4\n')
+    assert list(comma_separated.columns(tmp_path / "lab.csv", FileMap())) == ["a, in V", "b"]
     (tmp_path / "lab.csv").write_text("when,a\n2026-01-01T00:00:00.000,1\n2026-01-01T00:00:00.250,2\n")
     assert np.diff(comma_separated.columns(tmp_path / "lab.csv", FileMap())["when"]).tolist() == [250_000_000]
 

@@ -128,8 +128,10 @@ def test_what_is_not_set_is_what_a_named_set_makes_it(nacs, tmp_path) -> None:
     ("arguments", "said"),
     [
         (["mine"], "mine.toml: is there already; take another name or add --overwrite"),
-        ([" "], "is no name of a file"),
-        (["folder.toml"], "folder.toml: is no name of a file"),
+        ([" "], "cannot be a scenario's name: it must have 1 to 60 printable characters"),
+        (["two\nlines"], "cannot be a scenario's name"),
+        (["x" * 300], "cannot be a scenario's name"),
+        (["folder.toml"], "folder.toml: is a folder"),
         (["it", "--from", "nacs/faultfree"], "no scenario 'nacs/faultfree'; did you mean nacs/fault-free?"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from csv import Error, reader
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +25,10 @@ def columns(path: Path, file: FileMap) -> dict[str, NDArray[Any]]:
     with path.open(encoding="utf-8-sig", errors="replace") as text:
         lines = [line.rstrip("\r\n") for _, line in zip(range(LINES), text, strict=False)]
     delimiter = file.delimiter or _delimiter(lines)
+    decimal = file.decimal or _decimal(lines, delimiter)
     skip = _heading(lines, delimiter) if file.skip_rows is None else file.skip_rows
-    names = _names(lines[skip] if skip < len(lines) else "", delimiter)
-    numbered = any(_is_number(name, file.decimal) for name in names)  # a heading has none
+    names = _parts(lines[skip] if skip < len(lines) else "", delimiter)
+    numbered = any(_is_number(name, decimal) for name in names)  # a heading has none
     if numbered:
         names = [f"column{i + 1}" for i, _ in enumerate(names)]
     if twice := sorted({name for name in names if name and names.count(name) > 1}):
@@ -35,7 +38,7 @@ def columns(path: Path, file: FileMap) -> dict[str, NDArray[Any]]:
             path,
             read_options=csv.ReadOptions(column_names=names, skip_rows=skip + (not numbered), encoding="utf8"),
             parse_options=csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=True),
-            convert_options=csv.ConvertOptions(null_values=list(NOTHING), decimal_point=file.decimal, strings_can_be_null=True),
+            convert_options=csv.ConvertOptions(null_values=list(NOTHING), decimal_point=decimal, strings_can_be_null=True),
         )
     except pa.ArrowInvalid as broken:
         raise BadInput(
@@ -65,22 +68,33 @@ def _delimiter(lines: list[str]) -> str:
     """The one that cuts most lines into the same number of parts, and many."""
 
     def steady(delimiter: str) -> tuple[int, int]:
-        parts = [line.count(delimiter) for line in lines if line.strip()]
-        most = max(set(parts), key=parts.count, default=0)
-        return (parts.count(most) if most else 0, most)
+        parts = [len(_parts(line, delimiter)) for line in lines if line.strip()]
+        most = max(set(parts), key=parts.count, default=1)
+        return (parts.count(most) if most > 1 else 0, most)
 
     return max(DELIMITERS, key=steady)
 
 
+def _parts(line: str, delimiter: str) -> list[str]:
+    """A line cut where it is not in quotes."""
+    try:
+        return [part.strip() for row in reader([line], delimiter=delimiter, skipinitialspace=True) for part in row]
+    except Error:  # of a part that is too long
+        return line.split(delimiter)
+
+
+def _decimal(lines: list[str], delimiter: str) -> str:
+    """A comma where numbers have one, and no point."""
+    text = "\n".join(lines)
+    return "," if delimiter != "," and re.search(r"\d,\d", text) and not re.search(r"\d\.\d", text) else "."
+
+
 def _heading(lines: list[str], delimiter: str) -> int:
-    """Number of the first line that has as many parts as the last ones."""
-    parts = [line.count(delimiter) for line in lines]
-    last = next((count for line, count in zip(reversed(lines), reversed(parts), strict=True) if line.strip()), 0)
-    return next((row for row, count in enumerate(parts) if count == last and not lines[row].lstrip().startswith("#")), 0)
-
-
-def _names(line: str, delimiter: str) -> list[str]:
-    return [part.strip().strip("\"'").strip() for part in line.split(delimiter)]
+    """Number of the first line that has as many parts as most have."""
+    parts = [len(_parts(line, delimiter)) if line.strip() and not line.lstrip().startswith("#") else 0 for line in lines]
+    there = [count for count in parts if count]
+    usual = max(set(there), key=lambda count: (there.count(count), count), default=0)
+    return parts.index(usual) if usual else 0
 
 
 def _is_number(text: str, decimal: str) -> bool:

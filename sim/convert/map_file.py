@@ -30,7 +30,7 @@ class FileMap(Section):
     """
 
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] | None = None
     skip_rows: Annotated[int, Field(ge=0)] | None = None
 
 

@@ -143,6 +143,8 @@ class Mapping:
 
     def _values(self, group: Group, section: AttitudeMap | ColumnsMap) -> Array:
         """Numbers of a part in the log's units and axes, (rows, columns)."""
+        if twice := [name for name in section.columns if section.columns.count(name) > 1]:
+            raise BadInput(f"{self.label}: {group.key}.columns: names {twice[0]!r} twice")
         hold = isinstance(section, ColumnsMap) and section.hold
         columns = [self._column(f"{group.key}.columns", name, hold) for name in section.columns]
         if len({len(column) for column in columns}) > 1:

@@ -31,7 +31,7 @@ def columns(path: Path, file: FileMap) -> dict[str, NDArray[Any]]:  # noqa: ARG0
                     continue
                 for name, number in _numbers(channel.topic, json.loads(message.data)):
                     found.setdefault(name, {})[message.log_time] = number
-    except (McapError, ValueError, RecursionError) as broken:
+    except (McapError, ValueError, RecursionError, OverflowError) as broken:
         raise BadInput(f"{path}: cannot be read as MCAP: {(str(broken).splitlines() or [type(broken).__name__])[0]}") from None
     if not found and foreign:
         raise BadInput(f"{path}: its messages are not JSON: {', '.join(sorted(foreign))}; convert them, or write CSV")

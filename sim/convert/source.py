@@ -67,6 +67,8 @@ class Source:
             raise BadInput(f"{path}: cannot be read: {refused.strerror or (str(refused).splitlines() or ['damaged'])[0]}") from None
         if not columns:
             raise BadInput(f"{path}: has no column of numbers")
+        if max(len(column) for column in columns.values()) < 2:
+            raise BadInput(f"{path}: has fewer than two rows of numbers")
         return cls(path, columns)
 
     def whole(self, name: str) -> NDArray[Any]:

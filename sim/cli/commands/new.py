@@ -15,6 +15,7 @@ from sim.replay.setting import DEFAULT
 from sim.scenario import extension, files
 from sim.scenario.described.commented import commented
 from sim.scenario.described.schema import Schema
+from sim.text.names import WHAT_A_NAME_IS, is_a_name
 from sim.text.one_line import one_line
 
 
@@ -26,8 +27,10 @@ def new(
     """Write a scenario file with unit, default and meaning beside every key; it flies as it is."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     shown = one_line(str(path), 200)
-    if not name.strip() or path.name == ".toml" or path.is_dir():
-        raise BadInput(f"{shown}: is no name of a file")
+    if not is_a_name(path.stem):
+        raise BadInput(f"{shown}: cannot be a scenario's name: {WHAT_A_NAME_IS}")
+    if path.is_dir():
+        raise BadInput(f"{shown}: is a folder")
     if path.exists() and not overwrite:
         raise BadInput(f"{shown}: is there already; take another name or add --overwrite")
     scenario: Any = files.load(base)
