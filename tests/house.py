@@ -45,7 +45,7 @@ ROOMS = {
             "linear",
             "metrics",
         ),
-        *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "export", "cli"),
+        *("series", "replay", "convert", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "export", "cli"),
     ),
 }
 ORDER = [f"{floor}.{room}" if room else floor for floor in FLOORS for room in ROOMS.get(floor, ("",))]

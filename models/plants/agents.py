@@ -30,7 +30,7 @@ Pair = tuple[float, float]
 
 
 class AgentsParameters(PlantParameters):
-    """Every number of the agents; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the agents."""
 
     type: Literal["agents"] = "agents"
     agents: Annotated[int, Field(ge=1, le=1000)] = known(

@@ -43,7 +43,7 @@ FLEXIBLE_SETS: dict[str, dict[str, Any]] = {
 
 
 class FlexibleParameters(PlantParameters):
-    """Every number of the flexible spacecraft, of a named set unless given; `json_schema_extra` of a field: unit and provenance.
+    """Every number of the flexible spacecraft, of a named set unless given.
 
     Azimuth is about z of B, along the panels, and elevation about x, along their hinges. Panels along y would not do: whatever its shape, a
     mode with coupling 0.5 to 15 000 kg m2 takes 7500 kg m2 of panels about x, and those along y have as much about z, more than 6000.

@@ -45,7 +45,7 @@ INERTIA_SETS = {"physical": PHYSICAL, "printed": PRINTED}
 
 
 class FormationParameters(PlantParameters):
-    """Every number of the spacecraft; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the spacecraft."""
 
     type: Literal["formation"] = "formation"
     inertia_kg_m2: Literal["physical", "printed"] | tuple[Sextuple, ...] = known(

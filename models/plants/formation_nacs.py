@@ -36,7 +36,7 @@ RIM = (0.1695, 0.026)  # m, radius, and half width of the ring as a share of it,
 
 
 class FormationNacsParameters(PlantParameters):
-    """Every number of the testbeds beyond that of a single one; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the testbeds beyond that of a single one."""
 
     type: Literal["formation-nacs"] = "formation-nacs"
     testbed: NacsParameters = Field(NacsParameters(), description="what they have in common: every parameter of models/plants/nacs.py")

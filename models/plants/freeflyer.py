@@ -33,7 +33,7 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {"wmap": (399.0, 377.0, 377.0, 0.0,
 
 
 class FreeflyerParameters(PlantParameters):
-    """Every number of the free flyer; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the free flyer."""
 
     type: Literal["freeflyer"] = "freeflyer"
     inertia_kg_m2: Literal["wmap"] | Sextuple = known(

@@ -31,7 +31,7 @@ INERTIA_SETS: dict[str, tuple[float, ...]] = {
 
 
 class MonolithicParameters(PlantParameters):
-    """Every number of the spacecraft; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the spacecraft."""
 
     type: Literal["monolithic"] = "monolithic"
     inertia_kg_m2: Literal["true", "believed"] | Sextuple = known(

@@ -46,7 +46,7 @@ OnRail = Annotated[float, Field(ge=-40, le=40)]  # mm, between the stops of nacs
 
 
 class NacsParameters(PlantParameters):
-    """Every number of the NACS plant; `json_schema_extra` of a field holds its unit and provenance."""
+    """Every number of the NACS plant."""
 
     type: Literal["nacs"] = "nacs"
     inertia_kg_m2: Literal["hypothesis", "printed"] | Sextuple = known(

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.bad_input import BadInput
+from sim.cli.bridges.convert import convert
 from sim.cli.bridges.export import export
 from sim.cli.bridges.linearize import linearize_scenario
 from sim.cli.commands.bound import bound
@@ -20,6 +21,7 @@ from sim.cli.commands.campaign import campaign
 from sim.cli.commands.crosscheck import crosscheck
 from sim.cli.commands.falsify import falsify
 from sim.cli.commands.list import list_scenarios
+from sim.cli.commands.new import new, schema
 from sim.cli.commands.replay import replay
 from sim.cli.commands.run import run
 from sim.cli.commands.view import view
@@ -54,12 +56,15 @@ def options(
 app.command("run")(run)
 app.command("export")(export)
 app.command("linearize")(linearize_scenario)
+app.command("convert")(convert)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)
 app.command("bound")(bound)
 app.command("campaign")(campaign)
 app.command("list")(list_scenarios)
+app.command("new")(new)
+app.command("schema")(schema)
 
 
 @app.command("parameters")

@@ -58,27 +58,39 @@ class Comparison(NamedTuple):
     factors: list[tuple[float, Verdict]]
 
 
-TIMES = (Unit(1.0), Unit(1e-3, "times look like ms"), Unit(1e-6, "times look like us"), Unit(1e-9, "times look like ns"))
+TAKEN_FOR_MS = Unit(1e3, "times look like s taken for ms")
+TIMES = (
+    Unit(1.0),
+    Unit(1e-3, "times look like ms"),
+    Unit(1e-6, "times look like us"),
+    Unit(1e-9, "times look like ns"),
+    TAKEN_FOR_MS,
+)
 RATES = (
     Unit(1.0),
     Unit(np.pi / 180.0, "rates look like deg/s"),
     Unit(RPM, "rates look like rpm"),
     Unit(-1.0, "rates have the opposite sign"),
     Unit(-np.pi / 180.0, "rates look like deg/s of the opposite sign"),
+    Unit(180.0 / np.pi, "rates look like rad/s taken for deg/s"),
+    Unit(1.0 / RPM, "rates look like rad/s taken for rpm"),
 )
 FORWARD = tuple(unit for unit in RATES if unit.factor > 0.0)  # of the opposite sign they are those from B to N, but for the frame
 SCALAR_FIRST, FROM_B_TO_N = "quaternions look scalar first", "quaternions look like those from B to N"
 BOTH = f"{SCALAR_FIRST} and from B to N"
-SPEEDS = (
+SPEEDS = (  # not rad/s taken for rpm: a motor that gives a tenth looks like that
     Unit(1.0),
     Unit(RPM, "wheel speeds look like rpm"),
     Unit(np.pi / 180.0, "wheel speeds look like deg/s"),
+    Unit(180.0 / np.pi, "wheel speeds look like rad/s taken for deg/s"),
 )
 COMMANDS = (
     Unit(1.0),
     Unit(-1.0, "commands have the opposite sign"),
     Unit(1e-3, "commands look like mN m"),
     Unit(-1e-3, "commands look like mN m of the opposite sign"),
+    Unit(1e3, "commands look like N m taken for mN m"),
+    Unit(-1e3, "commands look like N m taken for mN m of the opposite sign"),
 )
 PLACES = (Unit(1.0), Unit(1e-3, "positions look like mm"))
 VELOCITIES = (Unit(1.0), Unit(-1.0, "velocities have the opposite sign"))
@@ -104,20 +116,20 @@ def complaints(log: FlightLog, scenario: Any) -> list[tuple[int, str]]:
 def _of_a_body(time: Array, reading: Array, command: Array, scenario: Any) -> list[str]:
     """Of readings (rows, 7 + wheels), and commands (rows, wheels) or, without wheels, (rows, 3)."""
     assembly = assembly_of(scenario)
-    turns = _turns(time, reading)
-    turning = _judged(turns, _stretches(turns))
+    turned = turns(time, reading)
+    turning = _judged(turned, misfits_of_stretches(turned))
     clock: Sequence[Unit] = TIMES
     if turning is not None:  # the turns have told what time is
         clock = tuple(Unit(unit.factor) for unit in TIMES[1:] if unit.said in " ".join(turning)) or TIMES[:1]
     wheels = reading[:, WHEELS].T
     if len(wheels):
         told = command.T / assembly.wheel_inertia
-        pairs = [_accelerations(time, speed[:, None], rate[:, None], SPEEDS, clock) for speed, rate in zip(wheels, told, strict=True)]
+        pairs = [accelerations(time, speed[:, None], rate[:, None], SPEEDS, clock) for speed, rate in zip(wheels, told, strict=True)]
     else:
         momentum = reading[:, RATE] @ assembly.inertia
         torque = command - quaternion.cross(reading[:, RATE], momentum)
-        pairs = [_accelerations(time, momentum, torque, RATES[:1], clock)] if turning == () else [[]]
-    driven = _judged(pairs[0], np.concatenate([_stretches(pair) for pair in pairs], axis=-1)) if pairs[0] else None
+        pairs = [accelerations(time, momentum, torque, RATES[:1], clock)] if turning == () else [[]]
+    driven = _judged(pairs[0], np.concatenate([misfits_of_stretches(pair) for pair in pairs], axis=-1)) if pairs[0] else None
     return list(dict.fromkeys([*(turning or ()), *(driven or ())]))
 
 
@@ -126,9 +138,9 @@ def _of_agents_in_the_plane(time: Array, reading: Array, known: Array, scenario:
     place, speed = (reading[..., part].reshape(len(time), -1) for part in (POSITION, VELOCITY))
     speed = np.where(np.isnan(speed), 0.0, speed)
     foretold = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)[:, None]
-    factors = _product(PLACES, VELOCITIES, TIMES)
+    factors = _product(PLACES, VELOCITIES, [unit for unit in TIMES if unit != TAKEN_FOR_MS])  # which is the same number as mm
     moves = [Comparison(np.nan_to_num(np.diff(place, axis=0)), foretold, factors)]
-    return list(_judged(moves, _stretches(moves)) or ())
+    return list(_judged(moves, misfits_of_stretches(moves)) or ())
 
 
 def _of_a_formation(time: Array, reading: Array, known: Array, scenario: Any) -> list[str]:  # noqa: ARG001
@@ -151,7 +163,7 @@ def _product(seen: Sequence[Unit], foretold: Sequence[Unit], clock: Sequence[Uni
     ]
 
 
-def _turns(time: Array, reading: Array) -> list[Comparison]:
+def turns(time: Array, reading: Array) -> list[Comparison]:
     """Turns from attitude to attitude beside the rates between them, by every order of the quaternion."""
     there = np.flatnonzero(~np.isnan(reading[:, ATTITUDE]).any(axis=-1))
     known = np.asarray(~np.isnan(reading[:, RATE]).any(axis=-1))
@@ -180,7 +192,7 @@ def _read_between(known: NDArray[np.bool_], nodes: NDArray[np.int64]) -> NDArray
     return count[nodes[1:] + 1] > count[nodes[:-1]]
 
 
-def _accelerations(time: Array, speed: Array, acceleration: Array, speeds: Sequence[Unit], clock: Sequence[Unit]) -> list[Comparison]:
+def accelerations(time: Array, speed: Array, acceleration: Array, speeds: Sequence[Unit], clock: Sequence[Unit]) -> list[Comparison]:
     """Changes of speed (rows, n) beside those that drives were told to make, (rows, n)."""
     there = np.flatnonzero(~np.isnan(speed).any(axis=-1))
     if len(there) < 2:
@@ -209,7 +221,7 @@ def _judged(comparisons: list[Comparison], misfit: Array) -> Verdict | None:
     return alike[0] if len(alike) == 1 else (" or ".join(" and ".join(one) for one in alike),)
 
 
-def _stretches(comparisons: list[Comparison]) -> Array:
+def misfits_of_stretches(comparisons: list[Comparison]) -> Array:
     """Misfits of all readings of a trial in each of its stretches, with windows of the length that tells most; (readings, stretches)."""
     rows = len(comparisons[0].seen) if comparisons else 0
     best = np.zeros((sum(len(one.factors) for one in comparisons), 0))

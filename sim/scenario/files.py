@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-from pathlib import Path
 from typing import Any, Protocol
 
 from pydantic import BaseModel, ValidationError
@@ -11,8 +9,8 @@ from pydantic import BaseModel, ValidationError
 from models.plants.register.entries import KINDS
 from models.plants.register.parameters import Parameters
 from sim.bad_input import BadInput
-from sim.scenario.catalogue import SCENARIOS, scenario_names
 from sim.scenario.consensus import ConsensusScenario
+from sim.scenario.extension import extended, find, read
 from sim.scenario.formation import FormationScenario
 from sim.scenario.one_body import Scenario
 from sim.scenario.run import RunSettings
@@ -66,18 +64,6 @@ class AnyScenario(Protocol):
         ...
 
 
-def find(name: str) -> Path:
-    """File of a scenario by name or path; raises BadInput if there is none."""
-    path = Path(name) if name.endswith(".toml") else SCENARIOS / f"{name}.toml"
-    if toml_text.is_there(path):
-        return path
-    if name.endswith(".toml"):
-        raise BadInput(f"no scenario file {name}")
-    near = difflib.get_close_matches(name, scenario_names(), n=1)
-    hint = f"did you mean {near[0]}?" if near else "`nacs list` shows what there is"
-    raise BadInput(f"no scenario {name!r}; {hint}")
-
-
 def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Any:
     """Read and check a scenario of any kind.
 
@@ -91,11 +77,12 @@ def load(name: str, overrides: dict[str, Any] | None = None, guests: tuple[str, 
     """
     path = find(name)
     label = f"{name}.toml" if not name.endswith(".toml") else name
-    return check(toml_text.read(path, label), label, overrides, guests)
+    return check(read(path, label), label, overrides, guests)
 
 
 def check(data: dict[str, Any], label: str, overrides: dict[str, Any] | None = None, guests: tuple[str, ...] = ()) -> Any:
     """The scenario that `data`, as read from a file, stands for; complaints begin with `label`. The rest as for `load`."""
+    data = extended(data, label)
     for key, value in (overrides or {}).items():
         override(data, key, value)
     plant = data.get("plant")

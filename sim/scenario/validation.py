@@ -66,6 +66,7 @@ def _untagged(error: ErrorDetails) -> str:
 def _path_in_file(location: tuple[int | str, ...], data: Any) -> Iterator[str]:
     """The parts of pydantic's location that are keys of the file: tags of unions and validators are left out."""
     node, tagged = data, False
+    location = tuple(part for part in location if not (isinstance(part, str) and part.startswith("function-")))  # which of several models
     for number, part in enumerate(location):
         last = number == len(location) - 1
         if isinstance(node, dict) and not tagged and part in (node.get("type"), node.get("kind")) and not (last and part in node):

@@ -51,6 +51,11 @@ def written(value: Any) -> str:
         raise BadInput(f"{value!r:.80}: cannot be written as TOML; give a number, a text, a list or a dictionary") from None
 
 
+def key_written(key: str) -> str:
+    """A key as TOML says it, in quotes where it must be."""
+    return tomlkit.item({key: 0}).as_string().rpartition("=")[0].strip()
+
+
 def _item(value: Any) -> Any:
     if isinstance(value, dict):
         table = tomlkit.inline_table()

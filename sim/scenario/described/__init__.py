@@ -1,0 +1,1 @@
+"""Scenario files described for people and editors: every key with unit, default and meaning."""

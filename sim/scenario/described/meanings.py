@@ -1,0 +1,142 @@
+"""What keys mean whose settings do not say it themselves, since many settings share them, and their units."""
+
+from __future__ import annotations
+
+import re
+
+MEANINGS: dict[str, str] = {  # by key, or by class and key
+    "extends": "a scenario's name, or the path of a file from here: its content, over which this file's keys are laid",
+    # a file as a whole
+    "title": "what it shows, in one line",
+    "source": "seed equation, table or figure that it comes from",
+    "run": "how long, how often, from which seed",
+    "plant": "what is simulated, by its type",
+    "start": "state at t = 0",
+    "sensors": "what readings are like",
+    "reference": "what is to be followed",
+    "observers": "filters by name, each by its type",
+    "faults": "what goes wrong, a list of tables [[faults]]; docs/faults.md has the kinds",
+    "published": "what the paper prints, to be shown beside the twin's numbers",
+    "loops": "closed loops that are flown on the same trials, by name",
+    "graph": "who hears whom",
+    "leader": "what the agents follow",
+    "control": "the law",
+    "law": "its gains",
+    "trials": "how many flights, each with random numbers of its own",
+    "seed": "of all random numbers",
+    "Published.source": "table or figure that the numbers are from",
+    "set": "a named set of all these, `bench` or another, which the keys beside it change",
+    "rate_deg_s": "body rate at t = 0",
+    "wheel_speed_rad_s": "of each wheel at t = 0",
+    "type": "which it is; its other keys depend on it",
+    "kind": "which it is; its other keys depend on it",
+    # references
+    "Sinusoid.period_s": "of the sine about each axis",
+    "Sinusoid.phase_deg": "of each sine at t = 0",
+    "rotation_vector_deg": "attitude that is held, as a rotation vector from N",
+    "radius": "of the leader's circle, in sigma",
+    "height": "of the leader's third component, times radius",
+    "radius_m": "of the leader's circle",
+    "LeaderSettings.rate_rad_s": "of the leader on its circle",
+    # laws
+    "allocation": "how torque is shared among the wheels",
+    "k1": "gain of the law",
+    "k2": "gain of the law",
+    "k3": "gain of the law",
+    "gamma": "gain of the law",
+    "lambda": "gain of the law",
+    "acceleration_gain": "of the filter of the leader's acceleration",
+    "exponent": "of the terminal term",
+    # filters
+    "tuning": "noise that filters are told, by the name of a set or as a table",
+    "discretization": "how the model is stepped",
+    "smoothing": "of the statistic: over a window, or fading",
+    "window": "ticks, of windowed smoothing",
+    "NisSwitched.alpha": "share of the statistic that is kept from tick to tick, of fading smoothing",
+    "tail_on": "probability of a statistic so large without a fault, at which one is declared",
+    "tail_off": "the same at which it is no longer declared",
+    "coordinates": "in which errors of attitude are added",
+    "alpha": "spread of the sigma points",
+    "beta": "weight of the middle sigma point in the covariance; 2 for a normal distribution",
+    "kappa": "second spread of the sigma points",
+    "fading": "how the past is forgotten",
+    "particles": "how many",
+    "resampling": "scheme by which particles are drawn anew",
+    "threshold": "effective share of the particles below which they are resampled",
+    "proposal": "density that particles are drawn from",
+    "reading_deviation": "standard deviation of a reading, each component of sigma",
+    "position_std_m": "standard deviation of a reading, each axis",
+    "speed_std_m_s": "standard deviation of a reading, each axis",
+    "floor_rad_s": "least standard deviation of the rate's noise",
+    "WheelMode.wheel": "number of the wheel from one; left out: none",
+    # faults
+    "start_s": "when it begins",
+    "duration_s": "how long it lasts; or give end_s",
+    "end_s": "when it ends; or give duration_s",
+    "shape": "how it comes",
+    "agents": "whose: numbers from one, or all",
+    "wheel": "which: a number from one, or all",
+    "sensor": "which: attitude, gyro, wheels, position, speed, or all",
+    "links": "which: pairs of numbers, 0 being the leader, or all",
+    "size": "of the bias, in the unit of the reading",
+    "remaining": "share of the torque that is left",
+    "ConstantOutput.torque_nm": "of the motor on its wheel, whatever is commanded",
+    "ConstantCommand.torque_nm": "what is commanded instead, about one axis or three",
+    "Friction.torque_nm": "added dry friction",
+    "ExternalTorque.torque_nm": "on the body",
+    "axis": "about which, if torque_nm is one number",
+    "ConstantCommand.force_n": "what is commanded instead",
+    "ExternalForce.force_n": "on the agent",
+    "constant_n": "what the switching term of the law is held at",
+    "direction": "about which axis: three numbers, or `planar`",
+    "delay_s": "how late it comes",
+    "probability": "of each message to be lost",
+    "factor": "of the standard deviation",
+    "inertia_kg_m2": "of the whole afterwards, [xx, yy, zz, xy, xz, yz]",
+    "centre_of_mass_um": "of the whole afterwards, from the centre of rotation",
+    "amplitude_nm": "greatest torque about each axis",
+    "amplitude_n": "greatest force",
+    "OtherDisturbance.rate_rad_s": "pulsation of the force",
+    "gain": "of the unknown dynamics, two numbers",
+    # numbers that are drawn
+    "constant": "the number itself",
+    "uniform": "[low, high]",
+    "normal": "[mean, standard deviation]",
+    "log_uniform": "[low, high], evenly in the logarithm",
+    "choice": "one of these",
+}
+# by the ending of a key, the longest first (docs/conventions.md)
+UNITS = {
+    "rad_s_sqrt_s": "rad/s/sqrt(s)",
+    "kg_m2": "kg m2",
+    "rad_s": "rad/s",
+    "deg_s": "deg/s",
+    "m_s2": "m/s2",
+    "nm_a": "N m/A",
+    "per_s": "1/s",
+    "m_s": "m/s",
+    "nms": "N m s",
+    "ohm": "ohm",
+    "rad": "rad",
+    "deg": "deg",
+    "nm": "N m",
+    "um": "um",
+    "mm": "mm",
+    "kg": "kg",
+    "hz": "Hz",
+    "s": "s",
+    "m": "m",
+    "n": "N",
+    "v": "V",
+    "a": "A",
+}
+
+
+def unit(key: str) -> str:
+    """Unit that the name of a key ends with; empty where it has none."""
+    return next((said for ending, said in UNITS.items() if re.search(rf"_{ending}$", key)), "")
+
+
+def meaning(settings: str, key: str) -> str | None:
+    """What a key of a class of settings means, where the settings do not say it."""
+    return MEANINGS.get(f"{settings}.{key}", MEANINGS.get(key))
