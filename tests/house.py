@@ -40,6 +40,7 @@ ROOMS = {
             "user_code",
             "scenario",
             "loop",
+            "fmu",
             "metrics",
         ),
         *("series", "replay", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "export", "cli"),

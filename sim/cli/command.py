@@ -14,6 +14,7 @@ from rich.text import Text
 
 from sim.bad_input import BadInput
 from sim.cli.bridges.export import export
+from sim.cli.bridges.export_fmu import export_fmu
 from sim.cli.commands.bound import bound
 from sim.cli.commands.campaign import campaign
 from sim.cli.commands.crosscheck import crosscheck
@@ -52,6 +53,7 @@ def options(
 
 app.command("run")(run)
 app.command("export")(export)
+app.command("export-fmu")(export_fmu)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)
