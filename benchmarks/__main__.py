@@ -6,6 +6,7 @@ import sys
 import time
 
 from benchmarks.campaign import campaign
+from benchmarks.environment import environment, policies
 from benchmarks.filters import filters
 from benchmarks.loop import sizes, workers
 from benchmarks.output import output
@@ -14,7 +15,7 @@ from benchmarks.physics import physics
 from benchmarks.show import machine
 from benchmarks.steps import steps
 
-TABLES = {work.__name__: work for work in (physics, steps, filters, particles, sizes, workers, output, campaign)}
+TABLES = {work.__name__: work for work in (physics, steps, filters, particles, sizes, workers, output, campaign, environment, policies)}
 
 
 def main() -> None:

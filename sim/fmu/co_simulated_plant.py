@@ -165,9 +165,8 @@ class CoSimulatedPlant:
         if self._outputs is None:
             loop = self.loop
             state, reading = loop.truth.state[0], loop.reading[0]
-            told = [part[min(loop.tick, loop.ticks - 1)] for part in loop.target]
             parts: list[Array] = [one[part] for one in (reading, state) for part in (ATTITUDE, RATE, WHEELS)]
-            self._outputs = np.concatenate([*parts, *told]).tolist()
+            self._outputs = np.concatenate([*parts, *loop.asked]).tolist()
         return self._outputs[place]
 
     def _settings(self, scenario: AnyScenario) -> list[Variable]:

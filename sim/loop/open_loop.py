@@ -15,6 +15,7 @@ from sim.bad_input import BadInput
 from sim.faults.effects import AGE, FRICTION, LOCKED
 from sim.loop.body import build_body
 from sim.loop.body_parts import MASSES, BodyChange, BodyEffectors
+from sim.loop.variants import Variants
 from sim.parts import Array, Decision, Flags
 from sim.plant.batch import Plant, SimulationFailed, Truth
 from sim.randomness import Trials
@@ -39,10 +40,12 @@ class OpenLoop:
     It has the numbers of a `Flight` of the same scenario, to the bit, where that shares torques among the wheels by the pseudo-inverse.
 
     Attributes:
-      ticks: of the scenario.
+      scenario: the one loop of it, without observers.
+      ticks: of it.
       dt: control period, s.
       plant: the truth.
-      target: what the scenario's reference asks for at every tick, (ticks, ...).
+      wheels: how many it has.
+      target: what the scenario's reference asks for at every tick and at the end of the last, (ticks + 1, ...).
       tick: number of this one.
       truth: what is so.
       reading: what is read, (trials, m), NaN where nothing is, and everywhere after the last tick.
@@ -53,6 +56,7 @@ class OpenLoop:
       scenario: of one body.
       trials: numbers of the trials, (trials,).
       loop: which of several closed loops, since one may be spared the faults; default: the first.
+      variants: plant, sensors, faults and start of each trial where they differ.
 
     Raises:
       BadInput: several agents.
@@ -65,10 +69,11 @@ class OpenLoop:
     held: Array
     failed: Flags
 
-    def __init__(self, scenario: AnyScenario, trials: Trials, loop: str | None = None) -> None:
-        self._single, self._trials = single_body(scenario, loop), trials
-        self.ticks, self.dt = self._single.run.ticks, self._single.run.tick_s
-        self.target: Target = self._single.reference.at(self.dt * np.arange(self.ticks))
+    def __init__(self, scenario: AnyScenario, trials: Trials, loop: str | None = None, variants: Variants | None = None) -> None:
+        self.scenario, self._trials = single_body(scenario, loop), trials
+        self._variants = variants.of_loop(self.scenario) if variants else None
+        self.ticks, self.dt = self.scenario.run.ticks, self.scenario.run.tick_s
+        self.target: Target = self.scenario.reference.at(self.dt * np.arange(self.ticks + 1))
         self._build()
         faults = self._change.faults
         self._changes = [tick for tick in range(self.ticks) if faults.changes_at(tick, LOCKED, FRICTION, *MASSES)]
@@ -88,7 +93,7 @@ class OpenLoop:
         """
         if self.over:
             raise IndexError(f"the flight of {self.ticks} ticks is over; run.ticks = N lasts longer")
-        estimate = Estimate(self.held[:, ATTITUDE], self.held[:, RATE], self.held[:, WHEELS])
+        estimate = self.estimate
         asked = np.broadcast_to(np.asarray(torque_B, dtype=float), (len(self._trials), 3))
         shared, _ = self._allocation.step(asked, estimate, self._rest.memory)
         decision = Decision(shared + np.asarray(wheel, dtype=float), None, {})
@@ -111,6 +116,16 @@ class OpenLoop:
         self.plant.put_back(where)
         self.failed = self.failed & ~where
         self._sense(np.where(where[:, None], self._sensors.rest(), self._before))
+
+    @property
+    def estimate(self) -> Estimate:
+        """What a law can act on that has no filter: the last readings."""
+        return Estimate(self.held[:, ATTITUDE], self.held[:, RATE], self.held[:, WHEELS])
+
+    @property
+    def asked(self) -> Target:
+        """What the reference asks for at this tick."""
+        return Target(*(part[self.tick] for part in self.target))
 
     @property
     def over(self) -> bool:
@@ -136,13 +151,14 @@ class OpenLoop:
 
     def _build(self) -> None:
         """All parts as at the start."""
-        system = build_body(self._single, self._trials)
+        system = build_body(self.scenario, self._trials, variants=self._variants)
         self.plant, self._sensors = cast(Plant, system.plant), cast(Sensors, system.sensors)
         self._change, effectors = cast(BodyChange, system.change), cast(BodyEffectors, system.effectors)
         assembly, shares = self.plant.assembly, effectors.wheels > 0
         self._allocation: Allocation = (
             PseudoInverseAllocation(assembly.wheel_axes, assembly.wheel_torque_limit) if shares else DirectTorque()
         )
+        self.wheels = effectors.wheels
         self._effectors = replace(effectors, allocation=DirectTorque())  # what is to be given is shared before
         self._rest = self._effectors.rest()
         self._steps = round(self.dt / self.plant.step_s)
