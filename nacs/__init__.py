@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from nacs.commands import Results, campaign, crosscheck, replay
 from nacs.errors import NacsError
+from nacs.fmu import export_fmu
 from nacs.run import Run, run
 from nacs.scenarios import load, scenarios
 from nacs.twin import Twin
 
-__all__ = ["NacsError", "Results", "Run", "Twin", "campaign", "crosscheck", "load", "replay", "run", "scenarios"]
+__all__ = ["NacsError", "Results", "Run", "Twin", "campaign", "crosscheck", "export_fmu", "load", "replay", "run", "scenarios"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,3 +153,10 @@ def test_without_gymnasium_it_is_one_line(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.delitem(sys.modules, "nacs.environments")
     with pytest.raises(nacs.NacsError, match=r"needs gymnasium: pip install 'nacs-twin\[rl\]'"):
         __import__("nacs.environments")
+
+
+def test_the_example_flies() -> None:
+    example = Path(__file__).parents[1] / "docs" / "examples" / "learn_with_gymnasium.py"
+    flown = runpy.run_path(str(example))
+    assert flown["over"].all()
+    assert flown["returned"].min() > 30.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -192,7 +193,22 @@ def test_what_cannot_be_written(arguments: list[str], said: str) -> None:
     assert said in str(wrong)
 
 
+def test_from_python_it_is_one_line_too(tmp_path: Path) -> None:
+    (tmp_path / "plant.fmu").write_bytes(b"")
+    for file, said in (("plant.fmu", "is there already"), (".", "is there already")):
+        with pytest.raises(nacs.NacsError, match=said):
+            nacs.export_fmu("nacs/fault-free", tmp_path / file)
+    assert (tmp_path / "plant.fmu").read_bytes() == b""
+
+
 def test_a_package_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_file, "find_spec", lambda _: None)
     with pytest.raises(BadInput, match=r"needs pythonfmu3: pip install 'nacs-twin\[fmi\]'"):
         fmu_file.check(nacs.load("nacs/fault-free"), "3")
+
+
+def test_the_example_closes_the_loop_in_another_simulator() -> None:
+    """The reading's error is small after five seconds: the law holds the testbed on its reference."""
+    example = Path(__file__).parents[1] / "docs" / "examples" / "closed_loop_with_an_fmu.py"
+    error = runpy.run_path(str(example))["error"]
+    assert np.max(np.abs(error)) < 0.005

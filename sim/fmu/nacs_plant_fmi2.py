@@ -47,7 +47,7 @@ class NacsPlant(Fmi2Slave):  # type: ignore[misc]  # the package has no types
         return True
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of numbers; what the package does, in a third of the time."""
+        """Values of numbers, without the package's look at the type of each: an integer is not found."""
         return [self._getters[reference]() for reference in vrs]
 
     def _get_fmu_state(self) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class NacsPlant(Fmi3Slave):  # type: ignore[misc]  # the package has no types
         return Fmi3StepResult()
 
     def get_float64(self, vrs: list[int]) -> list[float]:
-        """Values of numbers; what the package does, in a third of the time."""
+        """Values of numbers, without the package's look at the type of each: an integer is not found."""
         return [self._getters[reference]() for reference in vrs]
 
     def _get_fmu_state(self) -> dict[str, Any]:
