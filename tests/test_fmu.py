@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import runpy
 from pathlib import Path
 
@@ -100,6 +101,8 @@ def test_flown_by_another_simulator_it_is_the_twin_to_the_bit_and_comes_back(ver
     flown.back(flown.unpack(flown.pack(kept)))
     flown.fly(20, 30)
     np.testing.assert_array_equal(np.concatenate([flown.get("reading."), flown.get("truth.")]), first)
+    with pytest.raises(Exception, match=r"DoStep failed with status [34] \((error|fatal)\)"):
+        flown.unit.doStep(currentCommunicationPoint=3.0, communicationStepSize=0.05)
 
 
 def test_without_filters_and_law_it_is_the_twin_to_the_bit_with_every_kind_of_fault_and_set_back_too() -> None:
@@ -142,6 +145,24 @@ def test_a_parameter_that_is_set_is_the_scenario_s() -> None:
         one.step(0.1)
     change = (said.loop.truth.omega_BN_B - set_later.loop.truth.omega_BN_B)[0]
     assert abs(change[1]) == pytest.approx(3.2 * 9.80665 * 39.5e-6 * 0.1 / 0.0172994, rel=0.02)  # m g x dt / J_yy
+
+
+def test_a_state_brings_its_parameters_along() -> None:
+    """Also to an FMU whose readings were not late: what they look back on comes with the state."""
+    late, other = plant(), plant()
+    names = {one.name: one for one in late.variables}
+    names["sensors.latency_s"].set(0.25)
+    names["torque_B[1]"].set(0.01)
+    for one in (late, other):
+        one.step(0.5)
+    with pytest.raises(BadInput, match=r"sensors.latency_s: is fixed, set it before the first step"):
+        names["sensors.latency_s"].set(0.0)
+    other.return_to(json.loads(json.dumps(late.state())))
+    for one in (late, other):
+        one.step(0.3)
+    np.testing.assert_array_equal(other.loop.reading, late.loop.reading)
+    assert other.time == late.time == pytest.approx(0.8)
+    assert late.loop.reading[0, 4] < 0.8 * late.loop.truth.omega_BN_B[0, 0]
 
 
 def test_wheel_torques_and_a_body_torque_are_the_same_thing() -> None:

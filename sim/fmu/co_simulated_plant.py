@@ -22,7 +22,8 @@ from sim.scenario.files import AnyScenario
 from sim.text.one_line import one_line
 
 SCENARIO_FILE = "scenario.json"  # among the resources of an FMU
-FIXED = ("run.seed", "run.ticks", "plant.step_s")  # these say what the flight is; all other parameters may change while it lasts
+# these say what the flight is, or which past it looks back on; all other parameters may change while it lasts
+FIXED = ("run.seed", "run.ticks", "plant.step_s", "sensors.latency_s", "sensors.jitter_s")
 TOLERANCE = 1e-6  # of a tick, by which a communication step may miss a whole number of them
 
 
@@ -121,8 +122,9 @@ class CoSimulatedPlant:
     def return_to(self, state: dict[str, Any]) -> None:
         """Be where `state` was taken, in this FMU or another of the same scenario."""
         parameters = dict(zip(self._parameters, state["parameters"], strict=True))
-        self._as_set = self._as_set and parameters == self._parameters
-        self._parameters.update(parameters)
+        if parameters != self._parameters:
+            self._open = None
+            self._parameters.update(parameters)
         self._inputs[:] = state["inputs"]
         loop, now = self.loop, state["instant"]
         body = loop.truth.state.shape
@@ -185,6 +187,8 @@ class CoSimulatedPlant:
         ]
 
     def _set(self, which: tuple[str, int | None], value: Any) -> None:
+        if which[0] in FIXED and self._open is not None and self._open.tick > 0:
+            raise BadInput(f"{which[0]}: is fixed, set it before the first step")
         own = self._said_numbers[which]
         self._parameters[which] = own if f"{own:.16g}" == f"{value:.16g}" else value  # start values are written with 16 digits
         self._as_set, self._outputs = False, None
