@@ -173,6 +173,10 @@ class TrackingVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin all episodes; the same `seed`, one number, begins the same series of episodes."""
+        if seed is not None and not isinstance(seed, int | np.integer):
+            raise NacsError(f"seed = {seed!r}: must be one whole number, of the whole batch")
+        if (options or {}).get("reset_mask") is not None:
+            raise NacsError("options['reset_mask']: the bodies share a clock and begin together")
         super().reset(seed=seed, options=options)
         self.loop, self._begun = self.task.begin(int(self.np_random.integers(SEEDS))), True
         self._ended = np.zeros(self.num_envs, dtype=bool)

@@ -146,6 +146,10 @@ def test_actions_that_cannot_be_taken() -> None:
         many.step(np.full((2, 3), np.nan))
     with pytest.raises(nacs.NacsError, match="num_envs = 0"):
         nacs.environments.TrackingVectorEnv(0)
+    with pytest.raises(nacs.NacsError, match=r"seed = \[1, 2\]: must be one whole number"):
+        many.reset(seed=[1, 2])
+    with pytest.raises(nacs.NacsError, match="share a clock"):
+        many.reset(options={"reset_mask": np.array([True, False])})
 
 
 def test_without_gymnasium_it_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
