@@ -6,6 +6,7 @@ import sys
 import time
 
 from benchmarks.campaign import campaign
+from benchmarks.environment import environment, policies
 from benchmarks.filters import filters
 from benchmarks.loop import sizes, workers
 from benchmarks.output import output
@@ -15,7 +16,8 @@ from benchmarks.show import machine
 from benchmarks.steps import steps
 from benchmarks.switching import switching
 
-TABLES = {work.__name__: work for work in (physics, steps, filters, switching, particles, sizes, workers, output, campaign)}
+WORKS = (physics, steps, filters, switching, particles, sizes, workers, output, campaign, environment, policies)
+TABLES = {work.__name__: work for work in WORKS}
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ import nacs.checked_environment  # noqa: F401  # before anything else
 
 # isort: split
 from nacs.commands import Results, campaign, crosscheck, replay
+from nacs.fmu import export_fmu
 from nacs.linear import linearize, margins
 from nacs.nacs_error import NacsError
 from nacs.run import Run, run
@@ -31,6 +32,7 @@ __all__ = [
     "Twin",
     "campaign",
     "crosscheck",
+    "export_fmu",
     "linearize",
     "load",
     "margins",

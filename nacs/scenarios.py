@@ -44,7 +44,7 @@ def load(
 
     Args:
       scenario: name, path of a TOML file, the content of one as a dictionary, or settings that were loaded before.
-      set: dotted keys to values, taken instead of what the scenario says; `tuning` and `sensors` may stand for a shipped set's name.
+      set: dotted keys to values, taken instead of what the scenario says; `tuning` and `sensors.set` take a shipped set's name.
       trials: number of trials.
       seed: root seed.
       observers: filters of your own that will join, and may close the loop.

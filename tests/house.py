@@ -43,6 +43,7 @@ ROOMS = {
             "scenario",
             "loop",
             "linear",
+            "fmu",
             "metrics",
         ),
         *("series", "replay", "convert", "campaign", "crosscheck", "tables", "report", "rerun", "outputs", "export", "cli"),

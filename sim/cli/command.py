@@ -15,6 +15,7 @@ from rich.text import Text
 from sim.bad_input import BadInput
 from sim.cli.bridges.convert import convert
 from sim.cli.bridges.export import export
+from sim.cli.bridges.export_fmu import export_fmu
 from sim.cli.bridges.linearize import linearize_scenario
 from sim.cli.commands.bound import bound
 from sim.cli.commands.campaign import campaign
@@ -57,6 +58,7 @@ app.command("run")(run)
 app.command("export")(export)
 app.command("linearize")(linearize_scenario)
 app.command("convert")(convert)
+app.command("export-fmu")(export_fmu)
 app.command("replay")(replay)
 app.command("falsify")(falsify)
 app.command("crosscheck")(crosscheck)

@@ -103,6 +103,17 @@ class Plant:
         qvel[:, self._wheel_dof] = omega_wheel
         self._start = qpos.copy(), qvel.copy()
 
+    @property
+    def physics(self) -> Array:
+        """MuJoCo's own state with all that the next step depends on but the model, (trials, n); a copy, which may be set again."""
+        state: Array = self._batch.state.copy()
+        return state
+
+    @physics.setter
+    def physics(self, state: Array) -> None:
+        self._batch.state[:] = state
+        self._steps_done = round(float(self._batch.bind("time").max()) / self.step_s)
+
     def hold(self, actuator: str, setpoint: Array | float) -> None:
         """Command an actuator that is not a wheel, such as a balance mass, from now on."""
         self._batch.bind("ctrl")[:, self.assembly.model.actuator_ctrladr[self.assembly.model.actuator(actuator).id]] = setpoint
