@@ -18,6 +18,7 @@ SETTINGS = [
     ("run.tick_s=0.0125", ["run.tick_s", "0.0125", "whole number of physics steps", "0.01"]),
     ("run.tick_s=0.0025", ["(plant.step_s = 0.01 s); plant.step_s = 0.0025 would do"]),
     ("run.tick_s=0.033", ["(plant.step_s = 0.01 s); plant.step_s = 0.00825 would do"]),
+    ("run.tick_s=2147483648", ["run.tick_s: 2.14748e+09 s is 2.15e+11 physics steps (plant.step_s = 0.01 s)", "at most 1e+09"]),
     ("plant.inertia_kg_m2=printed", ["plant.inertia_kg_m2", "triangle inequality", "0.173014"]),
     ("plant.inertia_kg_m2=[1,1,1,2,0,0]", ["plant.inertia_kg_m2", "not positive"]),
     ("plant.inertia_kg_m2=[1,1,1]", ["plant.inertia_kg_m2"]),

@@ -99,6 +99,8 @@ def test_a_torque_from_outside_turns_the_free_inertia_and_a_motor_its_wheel() ->
     turned = np.eye(4) / WHEEL + axes.T @ np.linalg.solve(free, axes)
     np.testing.assert_allclose(model.B[np.ix_(wheels, [0, 1, 2, 3])], turned, rtol=1e-3)
     assert model.state.units[wheels[0]] == "rad/s"
+    assert model.state.units[model.state.names.index("balance_z")] == "m"
+    assert model.state.units[model.state.names.index("balance_z_rate")] == "m/s"
     assert set(model.input.units) == {"N m"}
 
 

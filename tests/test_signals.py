@@ -70,7 +70,7 @@ CONSENSUS = {
 }
 # scenario, loops, columns by hand, and what else it has: columns that are checked apart, channels that are no signals
 CASES: dict[str, tuple[tuple[str, ...], dict[str, list[str]], str, set[str]]] = {
-    "nacs/disturbance": (("loop",), BODY, "truth/angle", {"truth/qpos", "truth/qvel", "fault"}),
+    "nacs/disturbance": (("loop",), BODY, ("truth/angle", "truth/mass_"), {"truth/qpos", "truth/qvel", "fault"}),
     "formation/nacs": (("aukf", "pf"), FORMATION, "received/", {"truth/qpos", "messages/received"}),
     "consensus/fault-free": (("mupf-b", "none"), CONSENSUS, "-", {"truth/qpos"}),
 }
@@ -170,6 +170,19 @@ def test_hinges_are_mujocos() -> None:
     np.testing.assert_array_equal(loop["truth/angle_rate"].values, np.swapaxes(recording.channels["truth/qvel"][..., 6:], 0, 1))
     assert loop["control/compliance"].columns == ("control/compliance_azimuth", "control/compliance_elevation")
     np.testing.assert_array_equal(loop["control/lead"].values, np.swapaxes(recording.channels["control/theta"][..., 1], 0, 1))
+
+
+def test_balance_masses_slide_and_wheels_turn() -> None:
+    """Of the testbed's model: a ball joint, four wheels, three masses along rails."""
+    scenario, recordings = flown("nacs/disturbance", ("loop",))
+    recording, loop = recordings["loop"], signals_of(scenario, recordings).loops["loop"]
+    qpos, qvel = (np.swapaxes(recording.channels[f"truth/{name}"], 0, 1) for name in ("qpos", "qvel"))
+    masses, wheels = loop["truth/mass_position"], loop["truth/angle"]
+    assert (masses.unit, masses.axes[0].labels) == ("m", ("balance_x", "balance_y", "balance_z"))
+    assert (wheels.unit, wheels.axes[0].labels) == ("rad", ("wheel_1", "wheel_2", "wheel_3", "wheel_4"))
+    np.testing.assert_array_equal(masses.values, qpos[..., 8:])
+    np.testing.assert_array_equal(wheels.values, qpos[..., 4:8])
+    np.testing.assert_array_equal(loop["truth/mass_speed"].values, qvel[..., 7:])
 
 
 def test_no_name_stands_for_two(case) -> None:

@@ -79,7 +79,7 @@ class Coordinates:
         angles, rates = np.full(self.model.nv, "", dtype=object), np.full(self.model.nv, "", dtype=object)
         units = np.full(self.model.nv, "rad", dtype=object)
         for joint in map(self.model.joint, range(self.model.njnt)):
-            slides = joint.type[0] in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)
+            slides = int(joint.type[0]) in (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_FREE))
             first, count = int(joint.dofadr[0]), len(joint.damping)
             labels = [joint.name] if count == 1 else [f"{joint.name}{i + 1}" for i in np.arange(count)]
             angles[first : first + count], rates[first : first + count] = labels, [f"{label}_rate" for label in labels]

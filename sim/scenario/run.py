@@ -10,6 +10,7 @@ from pydantic import Field
 from models.sections import Headline, Positive, Section, Seed
 
 MOST_STEPS = 1e5  # of a tick: where six digits no longer tell one number of steps from the next
+TOO_MANY_STEPS = 1e9  # of a tick: MuJoCo counts them in 32 bits
 
 
 class RunSettings(Section):
@@ -24,6 +25,10 @@ class RunSettings(Section):
 def check_steps(run: RunSettings, step_s: float, key: str, what: str = "physics steps") -> None:
     """Raise ValueError if a control period is not a whole number of steps, with the longest that would do; `key` is where it is set."""
     steps = run.tick_s / step_s
+    if steps > TOO_MANY_STEPS:
+        raise ValueError(
+            f"run.tick_s: {run.tick_s:g} s is {steps:.3g} {what} ({key} = {step_s:g} s); a control tick has at most {TOO_MANY_STEPS:.0e}"
+        )
     if abs(steps - round(steps)) > 1e-9 * max(1.0, steps) or round(steps) < 1:
         fits = f"{key} = {run.tick_s / math.ceil(steps):.6g}" if steps < MOST_STEPS else f"a longer {key}"
         raise ValueError(f"run.tick_s: {run.tick_s:g} s is not a whole number of {what} ({key} = {step_s:g} s); {fits} would do")

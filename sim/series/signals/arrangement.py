@@ -11,6 +11,7 @@ from sim.parts import AnyArray
 from sim.plant.kinds import compile_plant
 
 FREE = 7  # components of position that a joint has which lets a body float
+SLIDE, HINGE = 2, 3  # types of joint, as MuJoCo numbers them
 
 
 class _Joints(NamedTuple):
@@ -19,17 +20,23 @@ class _Joints(NamedTuple):
     hinges: tuple[str, ...]
     angles: NDArray[np.int64]  # places in qpos, (hinges,)
     rates: NDArray[np.int64]  # places in qvel, (hinges,)
+    slides: tuple[str, ...]
+    shifts: NDArray[np.int64]  # places in qpos, (slides,)
+    speeds: NDArray[np.int64]  # places in qvel, (slides,)
     position: NDArray[np.int64]  # in qpos and in qvel, (3,); (0,) of a body that cannot move away
 
 
 def _joints(scenario: Any) -> _Joints:
     assembly = compile_plant(scenario.plant)
     joints = [assembly.model.joint(i) for i in range(assembly.model.njnt)]
-    hinges = [joint for joint in joints if joint.name not in assembly.attitude_joints]
+    others = [joint for joint in joints if joint.name not in assembly.attitude_joints]
+    hinges, slides = ([joint for joint in others if int(joint.type[0]) == kind] for kind in (HINGE, SLIDE))
     free = [joint for joint in joints if joint.name in assembly.attitude_joints and len(joint.qpos0) == FREE]
     angles, rates = (np.array([int(where[0]) for where in places], dtype=np.int64) for places in _addresses(hinges))
     position = int(free[0].qposadr[0]) + np.arange(3) if free else np.arange(0)
-    return _Joints(tuple(joint.name for joint in hinges), angles, rates, position)
+    shifts, speeds = (np.array([int(where[0]) for where in places], dtype=np.int64) for places in _addresses(slides))
+    hinge_labels, slide_labels = (tuple(joint.name for joint in some) for some in (hinges, slides))
+    return _Joints(hinge_labels, angles, rates, slide_labels, shifts, speeds, position)
 
 
 def _addresses(joints: list[Any]) -> tuple[list[Any], list[Any]]:
@@ -49,6 +56,21 @@ def hinge_angles(scenario: Any, qpos: AnyArray) -> AnyArray:
 def hinge_rates(scenario: Any, qvel: AnyArray) -> AnyArray:
     """MuJoCo's velocities (ticks, trials, nv) to rates of wheels and panels, (ticks, trials, hinges) rad/s."""
     return qvel[..., _joints(scenario).rates]
+
+
+def slide_names(scenario: Any) -> tuple[str, ...]:
+    """Of a body's balance masses."""
+    return _joints(scenario).slides
+
+
+def slide_positions(scenario: Any, qpos: AnyArray) -> AnyArray:
+    """MuJoCo's positions (ticks, trials, nq) to those of balance masses along their rails, (ticks, trials, slides) m."""
+    return qpos[..., _joints(scenario).shifts]
+
+
+def slide_speeds(scenario: Any, qvel: AnyArray) -> AnyArray:
+    """MuJoCo's velocities (ticks, trials, nv) to those of balance masses along their rails, (ticks, trials, slides) m/s."""
+    return qvel[..., _joints(scenario).speeds]
 
 
 def place(scenario: Any, coordinates: AnyArray) -> AnyArray:

@@ -9,7 +9,7 @@ XYZ = Axis("axis", ("x", "y", "z"))
 PLANE = Axis("plane", ("x", "y"))
 QUATERNION = Axis("quaternion", ("q1", "q2", "q3", "q4"))
 RODRIGUES = Axis("rodrigues", ("1", "2", "3"))
-WHEEL, JOINT, SENDER, WEIGHT = (Axis(name, COUNTED) for name in ("wheel", "joint", "sender", "weight"))
+WHEEL, JOINT, SENDER, WEIGHT, MASS = (Axis(name, COUNTED) for name in ("wheel", "joint", "sender", "weight", "mass"))
 MODE = Axis("mode_{observer}", COUNTED)  # observers differ in their modes
 CHANNEL = Axis("channel", ("azimuth", "elevation"))  # of an antenna
 
@@ -36,6 +36,8 @@ MOMENTUM = Part("momentum", "momentum_", XYZ, "N m s", "B", "momentum of the whe
 UNMODELLED = Part("unmodelled", "unmodelled_", XYZ, "N m", "B", "torque on the body that no rigid body's model has")
 JOINT_ANGLE = Part("angle", "angle_", JOINT, "rad", "", "angle of each wheel and panel about its hinge")
 JOINT_RATE = Part("angle_rate", "angle_rate_", JOINT, "rad/s", "", "rate of each wheel and panel about its hinge")
+MASS_POSITION = Part("mass_position", "mass_position_", MASS, "m", "B", "position of each balance mass along its rail")
+MASS_SPEED = Part("mass_speed", "mass_speed_", MASS, "m/s", "B", "speed of each balance mass along its rail")
 WORLD_POSITION = Part("position", "position_", XYZ, "m", "N", "position of a body that floats freely")
 WORLD_VELOCITY = Part("velocity", "velocity_", XYZ, "m/s", "N", "velocity of a body that floats freely")
 

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from sim.series.signals.arrangement import by_sender, hinge_angles, hinge_names, hinge_rates, in_double, place, senders
+from sim.series.signals.arrangement import (
+    by_sender,
+    hinge_angles,
+    hinge_names,
+    hinge_rates,
+    in_double,
+    place,
+    senders,
+    slide_names,
+    slide_positions,
+    slide_speeds,
+)
 from sim.series.signals.entry import Entry, Part
 from sim.series.signals.quantities import (
     ATTITUDE,
@@ -16,6 +27,8 @@ from sim.series.signals.quantities import (
     FORCE,
     JOINT_ANGLE,
     JOINT_RATE,
+    MASS_POSITION,
+    MASS_SPEED,
     MODE,
     MOMENTUM,
     POSITION,
@@ -55,6 +68,8 @@ BODY = (
     Entry("truth/state", "truth", _STATE, _TRUE),
     Entry("truth/qpos", "truth", (JOINT_ANGLE,), "", arranged=hinge_angles, labels=hinge_names),
     Entry("truth/qvel", "truth", (JOINT_RATE,), "", arranged=hinge_rates, labels=hinge_names),
+    Entry("truth/qpos", "truth", (MASS_POSITION,), "", arranged=slide_positions, labels=slide_names),
+    Entry("truth/qvel", "truth", (MASS_SPEED,), "", arranged=slide_speeds, labels=slide_names),
     Entry("truth/qpos", "truth", (WORLD_POSITION,), "", arranged=place),
     Entry("truth/qvel", "truth", (WORLD_VELOCITY,), "", arranged=place),
     Entry("truth/unmodelled", "truth", (UNMODELLED,), _TRUE),
