@@ -88,7 +88,7 @@ def test_a_verdict_has_a_number_or_says_what_is_wrong_by_reasoning() -> None:
 
 def test_what_makes_a_figure_is_there() -> None:
     """Each row names a command, a test or a page, and files that it names exist, and items of the errata."""
-    listed = re.search(r"for work in \(([\w, ]+)\)", (ROOT / "benchmarks" / "__main__.py").read_text(encoding="utf-8"))
+    listed = re.search(r"WORKS = \(([\w, ]+)\)", (ROOT / "benchmarks" / "__main__.py").read_text(encoding="utf-8"))
     assert listed
     tables = listed[1].split(", ")
     known, missing = errata(), []
