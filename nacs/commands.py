@@ -84,7 +84,7 @@ def campaign(
 ) -> Results:
     """Fly a campaign, as `nacs campaign` does.
 
-    >>> done = nacs.campaign("wheel-failure", trials=4, out="campaign")
+    >>> done = nacs.campaign("nacs-wheel-failure", trials=4, out="campaign")
     >>> done.table("trials.parquet").num_rows > 0
     True
 
@@ -134,7 +134,7 @@ def crosscheck(
       NacsError: bad input, or a flight failed.
     """
     folder = _folder(out, f"crosscheck/{Path(scenario).stem if scenario.endswith('.toml') else scenario}", False)
-    limits = [f"{name}={value!r}" for name, value in (thresholds or {}).items()]
+    limits = [f"{name}={float(value)!r}" for name, value in (thresholds or {}).items()]
     return _done(
         crosscheck_command,
         folder,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nacs.errors import extra, in_one_line
 from nacs.nacs_error import NacsError
-from nacs.scenarios import Source, named
+from nacs.scenarios import Source, named, user_code_of
 from sim.campaign import cost
 from sim.campaign.blocks import cut, simulate_all
 from sim.cli.result_files import ResultFiles
@@ -72,7 +72,7 @@ class Run:
     @property
     def loops(self) -> tuple[str, ...]:
         """Names of the closed loops; a single one of one body is called `loop`."""
-        return tuple(self.recordings)
+        return self.scenario.loop_names
 
     @property
     def metrics(self) -> pandas.DataFrame:
@@ -97,8 +97,9 @@ class Run:
         from sim.series.signals.of_recordings import signals_of
 
         with in_one_line():
-            if loop not in self.recordings:
-                raise NacsError(f"loop {loop!r}: no such loop; there are {', '.join(self.recordings)}")
+            if loop not in self.loops:
+                raise NacsError(f"loop {loop!r}: no such loop; there are {', '.join(self.loops)}")
+            self._check_recorded()
             found: xarray.Dataset = dataset(signals_of(self.scenario, {loop: self.recordings[loop]}).loops[loop])
             return found
 
@@ -114,11 +115,13 @@ class Run:
         from sim.report.register import draw_report
         from sim.series.picture_style import STYLE
 
+        self._check_recorded()
         with in_one_line(), mpl.rc_context(STYLE):
             return draw_report(self.name, self.scenario, self.recordings, self.user_code.law)
 
     def show(self) -> None:
         """Open the recording in the Rerun viewer."""
+        self._check_recorded()
         path = Path(tempfile.mkdtemp(prefix="nacs-")) / "recording.rrd"
         with in_one_line():
             OUTPUTS["recording"].write(path, self._flown)
@@ -143,7 +146,13 @@ class Run:
                     files.write(output.file, lambda path, output=output: output.write(path, self._flown))  # type: ignore[misc]
             if files.refusal:
                 raise NacsError(files.refusal, 3)
+            if overwrite:
+                files.remove_others(output.file for output in OUTPUTS.values())
             return target
+
+    def _check_recorded(self) -> None:
+        if not self.recordings:
+            raise NacsError("no trial was recorded: run with record_trials=1 or more")
 
     @property
     def _flown(self) -> Flown:
@@ -210,7 +219,7 @@ def run(
     Raises:
       NacsError: bad input, or no trial could be finished.
     """
-    user_code = UserCode(tuple(observers), controller)
+    user_code = user_code_of(observers, controller)
     with in_one_line():
         name, loaded = named(scenario, set, trials, seed, user_code)
         own = (*observers, *(() if controller is None else (controller,)))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nacs.errors import in_one_line
+from nacs.nacs_error import NacsError
 from sim.scenario import catalogue, files
 from sim.scenario.files import AnyScenario
 from sim.user_code.user_code import UserCode
@@ -52,17 +53,33 @@ def load(
     Raises:
       NacsError: one line with file and key.
     """
-    return named(scenario, set, trials, seed, UserCode(tuple(observers)))[1]
+    return named(scenario, set, trials, seed, user_code_of(observers, None))[1]
 
 
 def named(
     scenario: Source, changes: Mapping[str, Any] | None, trials: int | None, seed: int | None, user_code: UserCode
 ) -> tuple[str, AnyScenario]:
     """What the scenario is called, and its checked settings; the arguments are those of `load`."""
-    asked = {"run.trials": trials, "run.seed": seed}
-    overrides = {**(changes or {}), **{key: value for key, value in asked.items() if value is not None}}
+    asked = {key: value for key, value in (("run.trials", trials), ("run.seed", seed)) if value is not None}
+    if changes is not None and not isinstance(changes, Mapping):
+        raise NacsError(f"set={changes!r:.60}: must be a dictionary of dotted keys to values")
+    if not isinstance(scenario, str | Path | Mapping) and not hasattr(scenario, "loop_names"):
+        raise NacsError(f"scenario={scenario!r:.60}: must be a name, a path, a dictionary, or loaded settings")
     with in_one_line():
+        if strange := [key for key in changes or {} if not isinstance(key, str)]:
+            raise NacsError(f"set: {strange[0]!r:.60} is no dotted key")
+        overrides = {
+            **{key: value for key, value in (changes or {}).items() if key not in asked},
+            **asked,
+        }  # those asked for have the last word
         if isinstance(scenario, str | Path):
             return str(scenario), files.load(str(scenario), deepcopy(overrides), user_code.names)
         label, data = ("dictionary", scenario) if isinstance(scenario, Mapping) else (scenario.title, files.dumped(scenario))
         return label, files.check(deepcopy(dict(data)), label, deepcopy(overrides), user_code.names)
+
+
+def user_code_of(observers: Sequence[Any], controller: Any) -> UserCode:
+    """Filters and a law of the user's; raises NacsError if `observers` is no sequence."""
+    if not isinstance(observers, list | tuple):
+        raise NacsError(f"observers={observers!r:.60}: must be a list of classes, objects or FILE.py:CLASS")
+    return UserCode(tuple(observers), controller)

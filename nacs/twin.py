@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from nacs.errors import in_one_line
 from nacs.nacs_error import NacsError
-from nacs.scenarios import Source, named
+from nacs.scenarios import Source, named, user_code_of
 from sim.campaign import cost
+from sim.cli.in_words import in_words
 from sim.loop.build import build
 from sim.loop.closed_loop import Flight, Sensed
 from sim.loop.recording import Recording
 from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
-from sim.user_code.user_code import UserCode
+from sim.user_code.laws import copied
 
 if TYPE_CHECKING:
     import xarray
@@ -64,7 +65,7 @@ class Twin:
         controller: Any = None,
     ) -> None:
         self._asked = scenario, set, trials
-        self._user_code = UserCode(tuple(observers), controller)
+        self._user_code = user_code_of(observers, controller)
         self.name, self.scenario = named(scenario, set, trials, seed, self._user_code)
         self.loop = self.scenario.loop_names[0] if loop is None else loop
         if self.loop not in self.scenario.loop_names:
@@ -86,6 +87,7 @@ class Twin:
             self.name, self.scenario = named(scenario, changes, trials, seed, self._user_code)
         with in_one_line():
             numbers = np.arange(self.scenario.run.trials)
+            self._broken: str | None = None
             self._flight = Flight(build(self.scenario, numbers, self._user_code, loop=self.loop))
             self._now: Sensed | None = next(self._flight)
         return self.read()
@@ -104,12 +106,20 @@ class Twin:
         Raises:
           NacsError: the last tick is over, the shape does not fit, a number is not finite, or every trial broke down.
         """
+        if self._broken is not None:
+            raise NacsError(f"an earlier step failed: {self._broken}; reset() begins anew", 3)
         now = self._sensed
         effort = None if torque is None else self._effort(torque, now.decision.effort.shape)
         with in_one_line():
+            self._broken = "it was interrupted"
             try:
                 self._now = self._flight.send(effort)
-            except StopIteration:
+                self._broken = None
+            except Exception as wrong:
+                if not isinstance(wrong, StopIteration):
+                    self._broken = in_words(wrong)[1]
+                    raise
+                self._broken = None
                 self._now = None
                 if self._flight.lost.failed.all():
                     raise NacsError(f"every trial broke down; the first: {self._flight.lost.all[0]}", 3) from None
@@ -145,7 +155,7 @@ class Twin:
     @property
     def estimate(self) -> Any:
         """What the scenario's law acts on: of one body `.q_BN`, `.omega_BN_B`, `.omega_wheel`; of agents `.own`."""
-        return self._sensed.estimate
+        return copied(self._sensed.estimate)
 
     @property
     def torque(self) -> Array:
@@ -155,7 +165,7 @@ class Twin:
     @property
     def reference(self) -> dict[str, Array]:
         """What is to be followed at this tick, by name; empty if nothing is."""
-        return {name: of[self.tick] for name, of in self._flight.system.references.items()}
+        return {name: of[self.tick].copy() for name, of in self._flight.system.references.items()}
 
     @property
     def lost(self) -> NDArray[np.bool_]:
@@ -187,9 +197,14 @@ class Twin:
     @staticmethod
     def _effort(torque: ArrayLike, shape: tuple[int, ...]) -> Array:
         try:
-            effort = np.broadcast_to(np.asarray(torque, dtype=float), shape)
-        except (TypeError, ValueError):
-            raise NacsError(f"torque of shape {np.shape(torque)}: must fit {shape}") from None
+            given = np.asarray(torque)
+            if given.dtype.kind not in "fiu":
+                raise NacsError(f"torque: must be numbers of shape {shape}, not {given.dtype}")
+            effort = np.broadcast_to(given.astype(float), shape)
+        except (TypeError, ValueError, OverflowError) as wrong:
+            if isinstance(wrong, NacsError):
+                raise
+            raise NacsError(f"torque: does not fit the shape {shape}") from None
         if not np.isfinite(effort).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(effort))[0])
             raise NacsError(f"torque is not finite: {effort[where]} at {where} of {shape}")

@@ -28,7 +28,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises:
       NotWritten: the block or the file system refused; what was there before is there still.
     """
-    temporary = path.with_name(f".{path.stem}-{os.getpid()}-{token_hex(4)}.part{path.suffix}")
+    whole = Path(os.path.abspath(path))  # a folder called ~ is one, whatever a library makes of it
+    temporary = whole.with_name(f".{path.stem}-{os.getpid()}-{token_hex(4)}.part{path.suffix}")
     _MINE.add(temporary.name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

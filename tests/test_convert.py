@@ -601,3 +601,28 @@ def test_commands_are_given_to_the_wheels_that_follow_them(own) -> None:
     verdict = evidence.driving(own["time_s"].to_numpy(), own[WHEEL].to_numpy() * 30.0 / np.pi, commands, inertia)
     assert verdict is not None
     assert verdict.best == evidence.Driving("rpm", "mN m", (1, 0, 2, 3), (1, 1, 1, -1))
+
+
+def test_nothing_is_held_from_one_flight_into_the_next(nacs, tmp_path: Path) -> None:
+    """A command that is missing where a flight begins was never given there."""
+    rows = ["trial,t,q1,q2,q3,q4,w1,w2,w3,s1,s2,s3,s4,c1,c2,c3,c4"]
+    for trial in (0, 1):
+        for k in range(4):
+            command = "" if k == 0 and trial else f"0.00{trial + 1}{k}"
+            rows.append(",".join([str(trial), f"{0.1 * k:.1f}", "0,0,0,1", "0,0,0", "0,0,0,0", *[command] * 4]))
+    (tmp_path / "lab.csv").write_text("\n".join(rows) + "\n")
+    said = {"trial": "trial", "time": {"column": "t"}} | {
+        key: {"columns": [f"{letter}{i + 1}" for i in range(n)]}
+        for key, letter, n in (("attitude", "q", 4), ("rate", "w", 3), ("wheels", "s", 4), ("command", "c", 4))
+    }
+    said["command"]["hold"] = True
+    (tmp_path / "map.toml").write_text(toml(said))
+    result = nacs("convert", "lab.csv", "--map", "map.toml", "--out", "log.parquet")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "trial 1: command1 is missing at 0 s" in result.err
+
+
+def test_a_whole_offset_loses_no_digit() -> None:
+    stamps = np.array([1790000000000000000, 1790000000100000001])
+    np.testing.assert_allclose(seconds(stamps, TimeMap(column="t", unit="ns", offset=1790000000000000001)), [-1e-9, 0.1], atol=1e-15)
+    assert np.isfinite(seconds(stamps, TimeMap(column="t", unit="ns", offset=1e30))).all()

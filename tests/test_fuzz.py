@@ -101,8 +101,9 @@ ARGUMENTS: list[tuple[list[str], list[str]]] = [
     (["run", "formation/fault-free", "--set", "phases.settled=[60,60.002]"], ["phases.settled", "no tick"]),
     (["run", "nacs/fault-free", "--trials", "1000000000"], ["1000000000 trials of 1000 ticks", "days", "GiB"]),
     (["run", "nacs/fault-free", "--set", "run.ticks=1000000000000"], ["1000000000000 ticks", "years", "GiB"]),
-    (["run", "nacs/fault-free", "--set", "run.tick_s=1e9"], ["years"]),
-    (["run", "consensus/fault-free", "--set", "loops.adtl.tick_s=1e-15"], ["years"]),
+    (["run", "nacs/fault-free", "--set", "run.tick_s=1e9"], ["run.tick_s", "1e+11 physics steps", "at most 1e+09"]),
+    (["run", "nacs/fault-free", "--set", "run.tick_s=9e6"], ["days"]),
+    (["run", "consensus/fault-free", "--set", "loops.adtl.tick_s=1e-15"], ["loops.adtl.tick_s", "at most 1e+09"]),
     (["campaign", "antenna-mapping", "--trials", "1000000000"], ["years", "GiB"]),
     (["run", "nacs/fault-free", "--set", "start.quaternion=[0.5,0,0,0.8660254]"], ["start", "60 deg", "30 deg"]),
     (["run", "nacs/fault-free", "--set", "reference.amplitude_deg=[45,0,0]"], ["reference", "45 deg", "30 deg"]),
@@ -144,7 +145,8 @@ def test_a_campaign_in_which_all_trials_fail_is_summed_up(tmp_path: Path, sectio
     (here / "mine.toml").write_text(f'{head}faults = [{BREAKS}]\n{section}\n"sensors.gyro_noise_rad_s" = {values}\n')
     ended = call(["campaign", "mine.toml", "--out", "o", "--workers", "1"], here, 120.0)
     assert (ended.code, complaints(ended)) == (0, []), ended.err
-    assert "failed: trials 0, 1, 2, 3" in ended.out
+    told = "failed: " if section == "[dispersion]" else "failed at {'sensors.gyro_noise_rad_s': 0.002}: "
+    assert f"{told}trials 0, 1, 2, 3" in ended.out
     assert {"o/summary.json", "o/report.png", "o/recording.rrd"} <= set(ended.written)
 
 

@@ -168,6 +168,13 @@ def test_campaign_cross_check_and_replay_hand_over_what_they_leave(nacs_command,
 
 
 WRONG = [
+    (lambda: nacs.run(None), "scenario=None: must be a name"),
+    (lambda: nacs.run("nacs/fault-free", set=["run.ticks"]), "must be a dictionary"),
+    (lambda: nacs.run("nacs/fault-free", set={5: 5}), "5 is no dotted key"),
+    (lambda: nacs.run("nacs/fault-free", observers=5), "must be a list"),
+    (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step([1j, 0.0, 0.0]), "not complex128"),
+    (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step(["1", "2", "3"]), "must be numbers"),
+    (lambda: nacs.run("nacs/fault-free", trials=1, set=SHORT, record_trials=0).signals, "no trial was recorded"),
     (lambda: nacs.run("nacs/disturbanse"), "did you mean nacs/disturbance"),
     (lambda: nacs.run("nacs/fault-free", set={"run.tiks": 3}), "run.tiks"),
     (lambda: nacs.run({"title": "t"}), "dictionary: "),
@@ -176,7 +183,7 @@ WRONG = [
     (lambda: nacs.run("nacs/fault-free", controller=object()), "has no method step"),
     (lambda: nacs.run("nacs/fault-free", observers=[Still]), "has no method initial"),
     (lambda: nacs.Twin("nacs/fault-free", loop="x"), "no such loop; there are loop"),
-    (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step([1.0, 2.0]), r"shape \(2,\): must fit \(2, 3\)"),
+    (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step([1.0, 2.0]), r"does not fit the shape \(2, 3\)"),
     (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step([0.0, np.nan, 0.0]), "not finite: nan"),
     (lambda: nacs.crosscheck("nacs/fault-free", set={"run.ticks": {1, 2}}), "cannot be written as TOML"),
     (lambda: nacs.replay("nothing.parquet"), "nothing.parquet"),
@@ -214,6 +221,69 @@ def test_a_law_that_says_nan_is_told_with_its_line() -> None:
 
     with pytest.raises(nacs.NacsError, match=r"test_python_face.py:\d+: Broken.step: torque is not finite"):
         nacs.run("nacs/fault-free", trials=1, set=SHORT, controller=Broken())
+
+
+def test_a_law_that_writes_into_what_it_is_told_harms_nobody() -> None:
+    class Scribble:
+        def step(self, estimate, target):
+            target.q_DN[...] = 0.5
+            estimate.omega_BN_B[...] = 7.0
+            return np.zeros_like(estimate.omega_BN_B)
+
+    one, other = (nacs.run("nacs/fault-free", trials=2, set=SHORT, controller=law).recordings["loop"].channels for law in (Scribble, Still))
+    for name, channel in other.items():
+        np.testing.assert_array_equal(one[name], channel, err_msg=name)
+
+
+def test_what_is_handed_out_is_a_copy() -> None:
+    pytest.importorskip("xarray")
+    flown = nacs.run("nacs/fault-free", trials=1, set=SHORT)
+    before = flown.recordings["loop"].channels["truth/state"].copy()
+    flown.signals.truth_rate.values[...] = 9.0
+    np.testing.assert_array_equal(flown.recordings["loop"].channels["truth/state"], before)
+    twin = nacs.Twin("nacs/fault-free", trials=1, set=SHORT)
+    twin.reference["q"][...] = 0.5
+    twin.estimate.omega_BN_B[...] = 7.0
+    while not twin.over:
+        twin.step()
+    np.testing.assert_array_equal(twin.recording.channels["truth/state"], before)
+
+
+def test_trials_and_seed_have_the_last_word() -> None:
+    table = {"ticks": 5, "tick_s": 0.1, "trials": 10, "seed": 2024}
+    run = nacs.load("nacs/fault-free", trials=1, seed=77, set={"run.seed": 1, "run.trials": 3, "run": table, "phases": {}}).run
+    assert (run.trials, run.seed, run.ticks) == (1, 77, 5)
+
+
+def test_a_step_that_failed_is_not_the_end() -> None:
+    class Fails(Reader):
+        ticks = 0
+
+        def step(self, belief, command, measurement, dt):
+            self.ticks += 1
+            if self.ticks > 4:
+                raise RuntimeError("it is broken")
+            return Reader.step(self, belief, command, measurement, dt)
+
+    twin = nacs.Twin("nacs/fault-free", trials=1, set=SHORT, observers=[Fails])
+
+    def fly() -> None:
+        while True:
+            twin.step()
+
+    with pytest.raises(nacs.NacsError, match="it is broken"):
+        fly()
+    assert not twin.over
+    with pytest.raises(nacs.NacsError, match=r"an earlier step failed: .*it is broken"):
+        twin.step()
+
+
+def test_without_recorded_trials_metrics_are_there_and_older_files_go(tmp_path: Path) -> None:
+    nacs.run("nacs/fault-free", trials=1, set=SHORT).save(tmp_path / "it")
+    flown = nacs.run("nacs/fault-free", trials=2, set=SHORT, record_trials=0)
+    flown.save(tmp_path / "it", overwrite=True)
+    assert {path.name for path in (tmp_path / "it").iterdir()} == {"summary.json", "trials.parquet"}
+    assert json.loads((tmp_path / "it" / "summary.json").read_text())["sim_s"] == pytest.approx(2 * 12 * 0.1)
 
 
 def test_scenarios_are_found_by_their_beginning() -> None:

@@ -47,7 +47,7 @@ class TimeMap(Section):
 
     column: Column | None = None
     unit: Unit = "s"
-    offset: float | Literal["first"] = 0.0
+    offset: int | float | Literal["first"] = 0.0
     rate_hz: Positive | None = None
     period_s: Positive | None = None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,9 +62,14 @@ class Mapping:
     log: LogColumns
     loop: str = "loop"
 
+    @cached_property
+    def _flights(self) -> Array | None:
+        """Numbers of the rows' flights; None: there is one."""
+        return self._column("trial", self.said.trial) if self.said.trial else None
+
     def table(self) -> pa.Table:
         """The flight log; raises BadInput for what the map lacks, or names and the file has not."""
-        trial = self._column("trial", self.said.trial) if self.said.trial else None
+        trial = self._flights
         found = dict(self._parts())
         first, rows = self._length(found if trial is None else {"trial": trial} | found)
         time = self._time(rows, trial)
@@ -178,8 +184,11 @@ class Mapping:
             raise BadInput(f"{self.label}: {key}: {absent}") from None
         values = np.where(np.isin(values, self.said.missing), np.nan, values) if self.said.missing else values
         if hold:
-            there = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
-            values = np.where(there < 0, np.nan, values[there])
+            rows = np.arange(len(values))
+            there = np.maximum.accumulate(np.where(np.isnan(values), -1, rows))
+            flights = self._flights
+            first = 0 if flights is None or len(flights) != len(rows) else _first(flights)  # another length is told later
+            values = np.where(there < first, np.nan, values[there])
         return values
 
     def _length(self, found: dict[str, Any]) -> tuple[str, int]:
@@ -224,7 +233,8 @@ def seconds(stamps: Any, said: TimeMap, trial: Array | None = None) -> Array:
     if said.offset == "first":
         stamps = stamps - (stamps[:1] if trial is None else stamps[_first(trial)])
     elif said.offset:
-        stamps = stamps - (np.int64(said.offset) if whole and float(said.offset).is_integer() else said.offset)
+        exact = whole and abs(said.offset) < 2**63 and said.offset == int(said.offset)
+        stamps = stamps - (np.int64(said.offset) if exact else float(said.offset))
     return factor("time", said.unit) * np.asarray(stamps, dtype=float)
 
 

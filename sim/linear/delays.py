@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from sim.bad_input import BadInput
 from sim.linear.linear_model import LinearModel, Quantities
 
 Array = NDArray[np.floating]
 
 ORDER = 3  # of Padé's approximation: half a degree of phase at w tau = 2.6
+
+MOST_STAGES = 200  # each holds all outputs of a tick
 
 
 def late_readings(model: LinearModel, age_s: float) -> LinearModel:
@@ -28,6 +31,9 @@ def late_readings(model: LinearModel, age_s: float) -> LinearModel:
     if share > 1.0 - 1e-9:
         ticks, share = ticks + 1.0, 0.0
     stages = int(ticks) + (share > 1e-9)
+    if stages > MOST_STAGES:
+        late = f"readings that are {age_s:g} s late are {stages} control periods behind"
+        raise BadInput(f"sensors.latency_s: {late}, a sampled model holds at most {MOST_STAGES}; a continuous one needs none of it")
     return _behind(model, _chain(len(model.C), stages, share if share > 1e-9 else 0.0))
 
 

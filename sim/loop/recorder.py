@@ -48,6 +48,7 @@ class Recorder:
         self._arrays: dict[str, Array] = {}
         self._figures: dict[str, Array] = {}
         self._covariance: dict[int, Array] = {}
+        self._effective: dict[int, Array] = {}  # particles, of the last block
         self._sparse = keep is not None  # what is not kept of a trial goes into its figures tick by tick
         self._states: dict[int, tuple[Array, Array]] = {}
         self._truth: Array = np.empty(0)
@@ -113,6 +114,8 @@ class Recorder:
     def _keep_covariance(self, index: int, tick: int, belief: Belief) -> None:
         covariances = self._covariance.setdefault(index, np.empty((_BLOCK, *belief.covariance.shape)))
         covariances[tick % _BLOCK] = belief.covariance
+        if (ess := getattr(belief.memory, "ess", None)) is not None:
+            self._effective.setdefault(index, np.empty((_BLOCK, *ess.shape)))[tick % _BLOCK] = ess
         if self._sparse:
             means, truths = self._states.setdefault(index, (np.empty((_BLOCK, *belief.mean.shape)), np.empty((_BLOCK, *self._truth.shape))))
             means[tick % _BLOCK], truths[tick % _BLOCK] = belief.mean, self._truth
@@ -145,10 +148,10 @@ class Recorder:
 
     def _spanned(self, index: int, start: int, stop: int, covariance: Array) -> Array:
         """Covariances, NaN where too few particles count to span one."""
-        ess = self._arrays.get(f"{index}:ess")
-        if ess is None or self._sparse:
+        ess = self._effective.get(index)
+        if ess is None:
             return covariance
-        return np.where((ess[start:stop] > covariance.shape[-1] + 1)[..., None, None], covariance, np.nan)
+        return np.where((ess[: stop - start] > covariance.shape[-1] + 1)[..., None, None], covariance, np.nan)
 
     def give_up(self) -> None:
         """Nothing of any trial counts any more: the ticks to come stay without a number."""

@@ -60,7 +60,10 @@ class UserLaw:
     def ask(self, shape: tuple[int, ...], unit: str, *told: Any) -> Array:
         """Effort of that shape, of what the law is told."""
         with self.source.blamed("step"):
-            effort = np.array(self.own.step(*told), dtype=float)
+            given = np.asarray(self.own.step(*map(copied, told)))
+            if given.dtype.kind not in "fiu":
+                raise TypeError(f"says {given.dtype}, needs numbers")
+            effort = given.astype(float)
         what = "torque" if unit == "N m" else "force"
         if effort.shape != shape:
             raise self.source.complaint("step", f"{what} has shape {effort.shape}, needs {shape}")
@@ -131,3 +134,12 @@ class PlanarUserLaw:
 def tracking(user: UserLaw | None) -> Controller | None:
     """As a law that follows a target; None if there is none."""
     return None if user is None else TrackingUserLaw(user)
+
+
+def copied(told: Any) -> Any:
+    """What a law is told, so that it may write into it without harm to what others know."""
+    if isinstance(told, np.ndarray):
+        return told.copy()
+    if isinstance(told, tuple) and hasattr(told, "_fields"):
+        return type(told)(*map(copied, told))
+    return told

@@ -81,7 +81,8 @@ def write_report(path: Path, campaign: Campaign, rows: list[Row]) -> None:
             _characteristic(axes, key, operating, facet, colours, dashes)
         handles = [Line2D([], [], color=colour, lw=1.8, label=subject) for subject, colour in colours.items()]
         handles += [Line2D([], [], color="#5a6270", ls=ls, label=_said(others[combination])) for combination, ls in dashes.items()]
-        every[0].figure.legend(handles=handles, loc="outside lower center", ncols=min(6, len(handles)), handlelength=3.0)
+        if len(every):
+            every[0].figure.legend(handles=handles, loc="outside lower center", ncols=min(6, len(handles)), handlelength=3.0)
 
 
 def _facets(campaign: Campaign, key: str) -> list[Row]:

@@ -26,7 +26,7 @@ def dataset(loop: LoopSignals) -> Any:
     for signal in loop:
         coordinates |= {axis.name: np.array(axis.labels) for axis in signal.axes}
     variables = {
-        signal.variable: (signal.dims, signal.values, {"units": signal.unit, "long_name": signal.meaning, "frame": signal.frame})
+        signal.variable: (signal.dims, signal.values.copy(), {"units": signal.unit, "long_name": signal.meaning, "frame": signal.frame})
         for signal in loop
     }
     return xr.Dataset(variables, coordinates, {"loop": loop.loop})
