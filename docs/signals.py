@@ -21,7 +21,7 @@ def columns(entry: Entry, part: Part) -> str:
     if not axes:
         return f"`{prefix}/{part.stem}`" if part.stem else f"`{prefix}`"
     labels = axes[0].labels
-    counted = {"joint": "NAME", "sender": "NAME"}.get(axes[0].name, "1")
+    counted = {"joint": "NAME", "sender": "NAME", "mass": "NAME"}.get(axes[0].name, "1")
     if not labels:
         return f"`{prefix}/{part.stem}{counted}`" + (", ..." if counted == "1" else "")
     return f"`{prefix}/{part.stem}{labels[0]}`" + (f" to `{labels[-1]}`" if len(labels) > 2 else f", `{labels[-1]}`")
