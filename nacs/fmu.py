@@ -17,7 +17,7 @@ def export_fmu(
     scenario: Source,
     file: str | Path,
     *,
-    version: str = "3",
+    version: str | int = "3",
     set: Mapping[str, Any] | None = None,  # as the command calls it
     seed: int | None = None,
     overwrite: bool = False,
@@ -40,9 +40,9 @@ def export_fmu(
     """
     loaded, path = load(scenario, set=set, seed=seed), Path(file)
     with in_one_line():
-        fmu_file.check(loaded, version)
+        fmu_file.check(loaded, str(version))
         if path.exists() and not overwrite:
             raise NacsError(f"{path}: is there already; name another file or say overwrite=True")
         with whole_file(path) as temporary:
-            fmu_file.write(temporary, loaded, version)
+            fmu_file.write(temporary, loaded, str(version))
     return path
