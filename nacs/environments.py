@@ -27,6 +27,7 @@ from sim.campaign.settings import Campaign
 from sim.loop import tracking_task
 from sim.loop.open_loop import OpenLoop
 from sim.scenario.validation import first_error
+from sim.user_code.real_numbers import real_numbers
 
 with extra("gymnasium", "rl"):
     import gymnasium
@@ -96,9 +97,11 @@ class _Task:
     def torque(self, action: ArrayLike) -> tuple[Array, Array]:
         """The action within its bounds, (trials, 3), and its torque on the bodies, N m."""
         try:
-            asked = np.asarray(action, dtype=float).reshape(self._trials, 3)
+            asked = real_numbers(action).reshape(self._trials, 3)
         except (TypeError, ValueError):
-            raise NacsError(f"action of shape {np.shape(action)}: must have {3 * self._trials} numbers, three for each body") from None
+            raise NacsError(
+                f"action of shape {np.shape(np.asarray(action, dtype=object))}: must have {3 * self._trials} numbers, three for each body"
+            ) from None
         if not np.isfinite(asked).all():
             raise NacsError(f"action is not finite: {asked[~np.isfinite(asked).all(axis=-1)][0].tolist()}")
         within = np.clip(asked, -1.0, 1.0)

@@ -20,6 +20,7 @@ from sim.replay.log_columns import columns_of
 from sim.scenario.named_sections import names_taken
 from sim.scenario.surroundings import surroundings
 from sim.user_code.laws import copied
+from sim.user_code.real_numbers import real_numbers
 
 if TYPE_CHECKING:
     import xarray
@@ -110,21 +111,21 @@ class Twin:
             raise NacsError(f"an earlier step failed: {self._broken}; reset() begins anew", 3)
         now = self._sensed
         effort = None if torque is None else self._effort(torque, now.decision.effort.shape)
+        self._broken = "it was interrupted"
         with in_one_line():
-            self._broken = "it was interrupted"
             try:
                 self._now = self._flight.send(effort)
-                self._broken = None
-            except Exception as wrong:
-                if not isinstance(wrong, StopIteration):
-                    self._broken = in_words(wrong)[1]
-                    raise
-                self._broken = None
+            except StopIteration:
                 self._now = None
-                if self._flight.lost.failed.all():
-                    raise NacsError(f"every trial broke down; the first: {self._flight.lost.all[0]}", 3) from None
-                return np.full(now.reading.shape, np.nan)
-        return self.read()
+            except Exception as wrong:  # whatever it is, it is told in a line; the flight cannot go on
+                self._broken = in_words(wrong)[1]
+                raise
+        self._broken = None
+        if self._now is not None:
+            return self.read()
+        if self._flight.lost.failed.all():
+            raise NacsError(f"every trial broke down; the first: {self._flight.lost.all[0]}", 3)
+        return np.full(now.reading.shape, np.nan)
 
     @property
     def over(self) -> bool:
@@ -197,13 +198,10 @@ class Twin:
     @staticmethod
     def _effort(torque: ArrayLike, shape: tuple[int, ...]) -> Array:
         try:
-            given = np.asarray(torque)
-            if given.dtype.kind not in "fiu":
-                raise NacsError(f"torque: must be numbers of shape {shape}, not {given.dtype}")
-            effort = np.broadcast_to(given.astype(float), shape)
-        except (TypeError, ValueError, OverflowError) as wrong:
-            if isinstance(wrong, NacsError):
-                raise
+            effort = np.broadcast_to(real_numbers(torque), shape)
+        except TypeError as wrong:
+            raise NacsError(f"torque of shape {shape}: {wrong}") from None
+        except ValueError:
             raise NacsError(f"torque: does not fit the shape {shape}") from None
         if not np.isfinite(effort).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(effort))[0])

@@ -7,10 +7,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Integer, Real
 
-from sim.fmu.co_simulated_plant import CoSimulatedPlant, Variable
+from sim.fmu.co_simulated_plant import CoSimulatedPlant
+from sim.fmu.plant_slave import Interface, PlantSlave
+
+FMI2 = Interface(Real, Integer, Fmi2Causality, Fmi2Variability, Fmi2Initial)
 
 
-class NacsPlant(Fmi2Slave):  # type: ignore[misc]  # the package has no types
+class NacsPlant(PlantSlave, Fmi2Slave):  # type: ignore[misc]  # the package has no types
     """Plant with sensors of one trial."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -19,8 +22,8 @@ class NacsPlant(Fmi2Slave):  # type: ignore[misc]  # the package has no types
         self.guid, self.description = self.plant.identity, self.plant.title
         self.default_experiment = DefaultExperiment(start_time=0.0, stop_time=self.plant.end, step_size=self.plant.dt)
         for variable in self.plant.variables:
-            self.register_variable(_declared(variable))
-        self._getters = {reference: one.getter for reference, one in self.vars.items() if isinstance(one, Real)}
+            self.register_variable(FMI2.declared(variable))
+        self.getters = {reference: one.getter for reference, one in self.vars.items() if isinstance(one, Real)}
 
     def to_xml(self, *options: Any) -> Element:
         """The package's description with what it leaves out: outputs are unknown until the plant is made."""
@@ -31,40 +34,9 @@ class NacsPlant(Fmi2Slave):  # type: ignore[misc]  # the package has no types
                 SubElement(unknown, "Unknown", index=str(place + 1))
         return root
 
-    def exit_initialization_mode(self) -> None:
-        """Make the plant."""
-        _ = self.plant.loop
-
     def do_step(self, current_time: float, step_size: float) -> bool:  # noqa: ARG002
         """Act by the inputs for `step_size` seconds."""
         self.plant.step(step_size)  # what it raises is logged and ends the simulation; False would only be a step to be tried again
         return True
 
-    def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of numbers, without the package's look at the type of each: an integer is not found."""
-        return [self._getters[reference]() for reference in vrs]
-
-    def _get_fmu_state(self) -> dict[str, Any]:
-        return self.plant.state()
-
-    def _set_fmu_state(self, state: dict[str, Any]) -> None:
-        self.plant.return_to(state)
-
-
-def _declared(variable: Variable) -> Any:
-    causality, variability, initial = {
-        "input": (Fmi2Causality.input, Fmi2Variability.continuous, None),
-        "output": (Fmi2Causality.output, Fmi2Variability.discrete, Fmi2Initial.calculated),
-        "fixed": (Fmi2Causality.parameter, Fmi2Variability.fixed, Fmi2Initial.exact),
-        "tunable": (Fmi2Causality.parameter, Fmi2Variability.tunable, Fmi2Initial.exact),
-    }[variable.role]
-    kind = Integer if variable.whole else Real
-    return kind(
-        variable.name,
-        causality=causality,
-        variability=variability,
-        initial=initial,
-        description=variable.meaning,
-        getter=variable.get,
-        setter=variable.set,
-    )
+    get_real = PlantSlave.numbers

@@ -13,6 +13,7 @@ from estimation.gaussian import Belief, Detection, LostDefiniteness
 from estimation.state_space import Additive, StateSpace
 from models.dynamics.state_layout import StateLayout
 from sim.parts import Flags, Thresholds
+from sim.user_code.real_numbers import real_numbers
 from sim.user_code.rehearsal import TRIALS, readings, same_whatever_the_batch
 from sim.user_code.surroundings import Surroundings
 from sim.user_code.user_class import UserClass
@@ -158,9 +159,9 @@ class UserFilter:
             if default is None:
                 raise self.source.complaint(method, f"returned {type(own).__name__} without `{name}`")
             value = default
-        array = np.zeros(0)
+        array: Array = np.zeros(0)
         with self.source.blamed(method, f" (in {name})"), suppress(TypeError, ValueError):
-            array = np.array(value, dtype=float)
+            array = real_numbers(np.asarray(value).astype(int) if np.asarray(value).dtype == bool else value)
             array = array if name == "mean" else np.array(np.broadcast_to(array, shape))
         if array.shape != shape:
             raise self.source.complaint(method, f"{name} has shape {_shape(value)}, needs {shape} of numbers")

@@ -13,6 +13,7 @@ from control.tracking import Controller, Estimate, Target
 from models.attitude import quaternion
 from models.dynamics.state_layout import ATTITUDE, RATE
 from sim.network.messages import Messages
+from sim.user_code.real_numbers import real_numbers
 from sim.user_code.rehearsal import TRIALS, readings, same_whatever_the_batch
 from sim.user_code.surroundings import Surroundings
 from sim.user_code.user_class import UserClass
@@ -60,10 +61,7 @@ class UserLaw:
     def ask(self, shape: tuple[int, ...], unit: str, *told: Any) -> Array:
         """Effort of that shape, of what the law is told."""
         with self.source.blamed("step"):
-            given = np.asarray(self.own.step(*map(copied, told)))
-            if given.dtype.kind not in "fiu":
-                raise TypeError(f"says {given.dtype}, needs numbers")
-            effort = given.astype(float)
+            effort = real_numbers(self.own.step(*map(copied, told)))
         what = "torque" if unit == "N m" else "force"
         if effort.shape != shape:
             raise self.source.complaint("step", f"{what} has shape {effort.shape}, needs {shape}")
