@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import typer
 
+from nacs.arguments import check_workers, path, real, several, table, text, whole, whole_if_given
 from nacs.errors import extra, in_one_line
 from nacs.nacs_error import NacsError
 from sim.cli.commands.campaign import campaign as campaign_command
@@ -46,8 +47,9 @@ class Results:
     @property
     def summary(self) -> dict[str, Any]:
         """Content of `summary.json`."""
-        found: dict[str, Any] = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
-        return found
+        with in_one_line():
+            found: dict[str, Any] = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
+            return found
 
     @property
     def arrow(self) -> pa.Table:
@@ -64,7 +66,7 @@ class Results:
     def table(self, file: str) -> pa.Table:
         """A Parquet file of the folder, such as `trials.parquet` or `estimates.parquet`."""
         with in_one_line():
-            if not (self.folder / file).is_file():
+            if not str(file).endswith(".parquet") or not (self.folder / file).is_file():
                 there = ", ".join(sorted(path.name for path in self.folder.glob("*.parquet")))
                 raise NacsError(f"{file}: there is none in {self.folder}; there are {there or 'no tables'}")
             return pq.read_table(self.folder / file)
@@ -101,12 +103,15 @@ def campaign(
     """
     if resume and out is None:
         raise NacsError("resume=True needs out: the folder of the campaign to go on with")
-    folder = _folder(out, f"campaigns/{Path(file).stem}", resume)
-    return _done(campaign_command, folder, file=str(file), folder=folder, workers=workers, trials=trials, seed=seed, resume=resume)
+    name, workers = text("file", file), whole("workers", workers, 1)
+    trials, seed = whole_if_given("trials", trials, 1), whole_if_given("seed", seed)
+    check_workers(workers, ())
+    folder = _folder(out, f"campaigns/{Path(name).stem}", resume)
+    return _done(campaign_command, folder, file=name, folder=folder, workers=workers, trials=trials, seed=seed, resume=resume)
 
 
 def crosscheck(
-    scenario: str = "nacs/fault-free",
+    scenario: Place = "nacs/fault-free",
     *,
     out: Place | None = None,
     model: str | None = None,
@@ -133,19 +138,20 @@ def crosscheck(
     Raises:
       NacsError: bad input, or a flight failed.
     """
-    folder = _folder(out, f"crosscheck/{Path(scenario).stem if scenario.endswith('.toml') else scenario}", False)
-    limits = [f"{name}={float(value)!r}" for name, value in (thresholds or {}).items()]
+    name = text("scenario", scenario)
+    folder = _folder(out, f"crosscheck/{Path(name).stem if name.endswith('.toml') else name}", False)
+    limits = [f"{quantity}={real(f'thresholds[{quantity!r}]', value)!r}" for quantity, value in table("thresholds", thresholds).items()]
     return _done(
         crosscheck_command,
         folder,
-        name=scenario,
+        name=name,
         folder=folder,
         model=model,
         loop=loop,
-        at=None if at is None else [float(second) for second in at],
+        at=None if at is None else [real("at", second) for second in several("at", at, "seconds")] or None,
         limits=limits,
-        trials=trials,
-        seed=seed,
+        trials=whole("trials", trials, 1),
+        seed=whole_if_given("seed", seed),
         overrides=_overrides(set),
     )
 
@@ -174,14 +180,15 @@ def replay(
     Raises:
       NacsError: bad input, or a filter broke down.
     """
-    folder = _folder(out, f"replay/{Path(log).stem}", False)
+    file = path("log", log)
+    folder = _folder(out, f"replay/{file.stem}", False)
     return _done(
         replay_command,
         folder,
-        log=Path(log),
+        log=file,
         folder=folder,
-        filters=list(filters),
-        observers=list(observers),
+        filters=[text("filters", one) for one in several("filters", filters, "names")],
+        observers=[*several("observers", observers, "classes, objects or FILE.py:CLASS")],
         tuning=tuning,
         overrides=_overrides(set),
         trust=trust,
@@ -191,13 +198,15 @@ def replay(
 def _folder(out: Place | None, name: str, resume: bool) -> Path:
     with in_one_line():
         if resume and out is not None:
-            return Path(out)
-        return output_folder(None if out is None else Path(out), name, False, "name another folder")
+            return path("out", out)
+        return output_folder(None if out is None else path("out", out), name, False, "name another folder")
 
 
 def _overrides(changes: Mapping[str, Any] | None) -> list[str]:
     with in_one_line():
-        return [f"{key}={written(value.tolist() if isinstance(value, np.ndarray) else value)}" for key, value in (changes or {}).items()]
+        return [
+            f"{key}={written(value.tolist() if isinstance(value, np.ndarray) else value)}" for key, value in table("set", changes).items()
+        ]
 
 
 def _done(command: Callable[..., None], target: Path, **arguments: Any) -> Results:

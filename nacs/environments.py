@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
+from nacs.arguments import real, table, whole, whole_if_given
 from nacs.errors import extra, in_one_line
 from nacs.nacs_error import NacsError
 from nacs.scenarios import Source, load
@@ -61,10 +62,9 @@ class _Task:
         dispersion: Mapping[str, Any] | None,
         torque_nm: float | None,
     ) -> None:
-        if trials < 1:
-            raise NacsError(f"num_envs = {trials}: must be at least 1")
+        trials, torque_nm = whole("num_envs", trials, 1), None if torque_nm is None else real("torque_nm", torque_nm)
         self._scenario, self._trials, self._loop = load(scenario, set=set, trials=trials), trials, loop
-        self._dispersion = dict(dispersion or {})
+        self._dispersion = table("dispersion", dispersion)
         with in_one_line():
             cost.check(self._scenario, trials, kept=False)
             if self._dispersion:
@@ -128,7 +128,7 @@ class TrackingEnv(gymnasium.Env[Array, Array]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin an episode; the same `seed` begins the same series of episodes."""
-        super().reset(seed=seed, options=options)
+        super().reset(seed=whole_if_given("seed", seed), options=table("options", options))
         self.loop, self._ended = self.task.begin(int(self.np_random.integers(SEEDS))), False
         return tracking_task.observation(self.loop)[0], self._info()
 
@@ -167,7 +167,7 @@ class TrackingVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
         dispersion: Mapping[str, Any] | None = None,
         torque_nm: float | None = None,
     ) -> None:
-        self.num_envs = num_envs
+        self.num_envs = num_envs = whole("num_envs", num_envs, 1)
         self.task = _Task(scenario, num_envs, set, loop, dispersion, torque_nm)
         self.single_observation_space, self.single_action_space = self.task.observation_space, self.task.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -177,11 +177,9 @@ class TrackingVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Begin all episodes; the same `seed`, one number, begins the same series of episodes."""
-        if seed is not None and not isinstance(seed, int | np.integer):
-            raise NacsError(f"seed = {seed!r}: must be one whole number, of the whole batch")
-        if (options or {}).get("reset_mask") is not None:
+        if table("options", options).get("reset_mask") is not None:
             raise NacsError("options['reset_mask']: the bodies share a clock and begin together")
-        super().reset(seed=seed, options=options)
+        super().reset(seed=whole_if_given("seed", seed), options=options)
         self.loop, self._begun = self.task.begin(int(self.np_random.integers(SEEDS))), True
         self._ended = np.zeros(self.num_envs, dtype=bool)
         return tracking_task.observation(self.loop), self._info()

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from nacs.arguments import path as as_path
 from nacs.errors import in_one_line
 from nacs.nacs_error import NacsError
 from nacs.scenarios import Source, load
@@ -38,7 +39,7 @@ def export_fmu(
     Raises:
       NacsError: bad input, a package that is not there, or a file that cannot be written.
     """
-    loaded, path = load(scenario, set=set, seed=seed), Path(file)
+    loaded, path = load(scenario, set=set, seed=seed), as_path("file", file)
     with in_one_line():
         fmu_file.check(loaded, str(version))
         if path.exists() and not overwrite:

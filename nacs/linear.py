@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from nacs.arguments import real
 from nacs.errors import in_one_line
 from nacs.scenarios import Source, named
 from sim.linear import linearize as of_plant
@@ -42,6 +43,7 @@ def linearize(
       NacsError: bad input, or the flight to `at` failed.
     """
     _, settings = named(scenario, set, None, None, UserCode())
+    at = None if at is None else real("at", at)
     with in_one_line():
         return of_plant.linearize(settings, loop, at, sampled, way)
 
@@ -71,5 +73,6 @@ def margins(
       NacsError: bad input, or every law switches.
     """
     _, settings = named(scenario, set, None, None, UserCode())
+    at = None if at is None else real("at", at)
     with in_one_line():
         return cases(settings, loop, at, flown)

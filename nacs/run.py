@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nacs.arguments import check_workers, path, whole
 from nacs.errors import extra, in_one_line
 from nacs.nacs_error import NacsError
 from nacs.scenarios import Source, named, user_code_of
@@ -97,7 +98,7 @@ class Run:
         from sim.series.signals.of_recordings import signals_of
 
         with in_one_line():
-            if loop not in self.loops:
+            if not isinstance(loop, str) or loop not in self.loops:
                 raise NacsError(f"loop {loop!r}: no such loop; there are {', '.join(self.loops)}")
             self._check_recorded()
             found: xarray.Dataset = dataset(signals_of(self.scenario, {loop: self.recordings[loop]}).loops[loop])
@@ -122,10 +123,10 @@ class Run:
     def show(self) -> None:
         """Open the recording in the Rerun viewer."""
         self._check_recorded()
-        path = Path(tempfile.mkdtemp(prefix="nacs-")) / "recording.rrd"
+        recording = Path(tempfile.mkdtemp(prefix="nacs-")) / "recording.rrd"
         with in_one_line():
-            OUTPUTS["recording"].write(path, self._flown)
-            subprocess.Popen([Path(sys.executable).with_name("rerun"), path], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            OUTPUTS["recording"].write(recording, self._flown)
+            subprocess.Popen([Path(sys.executable).with_name("rerun"), recording], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write what `nacs run` would leave in a folder.
@@ -138,7 +139,7 @@ class Run:
           NacsError: the folder is not empty, or cannot be written.
         """
         with in_one_line():
-            target = output_folder(Path(folder), self.name, overwrite, "name another folder, or say overwrite=True")
+            target = output_folder(path("folder", folder), self.name, overwrite, "name another folder, or say overwrite=True")
             files = ResultFiles(target)
             self._result.write_figures(files, **self.user_code.described)
             for output in OUTPUTS.values():
@@ -222,11 +223,8 @@ def run(
     user_code = user_code_of(observers, controller)
     with in_one_line():
         name, loaded = named(scenario, set, trials, seed, user_code)
-        own = (*observers, *(() if controller is None else (controller,)))
-        if workers > 1 and not all(isinstance(one, str) for one in own):
-            raise NacsError(f"workers={workers}: other processes cannot have filters and laws of this one; say workers=1, or FILE.py:CLASS")
-        if workers < 1 or record_trials < 0:
-            raise NacsError(f"workers={workers}, record_trials={record_trials}: must be at least 1 and 0")
+        workers, record_trials = whole("workers", workers, 1), whole("record_trials", record_trials)
+        check_workers(workers, (*observers, *(() if controller is None else (controller,))))
         cost.check(loaded, loaded.run.trials, workers)
         user_code.check(surroundings(loaded), names_taken(loaded))
         numbers, started = np.arange(loaded.run.trials), time.perf_counter()

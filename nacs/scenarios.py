@@ -7,6 +7,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+from nacs.arguments import several, table, text, whole_if_given
 from nacs.errors import in_one_line
 from nacs.nacs_error import NacsError
 from sim.scenario import catalogue, files
@@ -25,6 +26,7 @@ def scenarios(beginning: str = "") -> dict[str, str]:
     Args:
       beginning: of the names, such as a family.
     """
+    beginning = text("beginning", beginning)
     return {
         name: catalogue.title(catalogue.SCENARIOS / f"{name}.toml") for name in catalogue.scenario_names() if name.startswith(beginning)
     }
@@ -60,16 +62,14 @@ def named(
     scenario: Source, changes: Mapping[str, Any] | None, trials: int | None, seed: int | None, user_code: UserCode
 ) -> tuple[str, AnyScenario]:
     """What the scenario is called, and its checked settings; the arguments are those of `load`."""
-    asked = {key: value for key, value in (("run.trials", trials), ("run.seed", seed)) if value is not None}
-    if changes is not None and not isinstance(changes, Mapping):
-        raise NacsError(f"set={changes!r:.60}: must be a dictionary of dotted keys to values")
+    given = (("run.trials", whole_if_given("trials", trials, 1)), ("run.seed", whole_if_given("seed", seed)))
+    asked = {key: value for key, value in given if value is not None}
+    changed = table("set", changes)
     if not isinstance(scenario, str | Path | Mapping) and not hasattr(scenario, "loop_names"):
         raise NacsError(f"scenario={scenario!r:.60}: must be a name, a path, a dictionary, or loaded settings")
     with in_one_line():
-        if strange := [key for key in changes or {} if not isinstance(key, str)]:
-            raise NacsError(f"set: {strange[0]!r:.60} is no dotted key")
         overrides = {
-            **{key: value for key, value in (changes or {}).items() if key not in asked},
+            **{key: value for key, value in changed.items() if key not in asked},
             **asked,
         }  # those asked for have the last word
         if isinstance(scenario, str | Path):
@@ -80,6 +80,4 @@ def named(
 
 def user_code_of(observers: Sequence[Any], controller: Any) -> UserCode:
     """Filters and a law of the user's; raises NacsError if `observers` is no sequence."""
-    if not isinstance(observers, list | tuple):
-        raise NacsError(f"observers={observers!r:.60}: must be a list of classes, objects or FILE.py:CLASS")
-    return UserCode(tuple(observers), controller)
+    return UserCode(several("observers", observers, "classes, objects or FILE.py:CLASS"), controller)

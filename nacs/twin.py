@@ -69,7 +69,7 @@ class Twin:
         self._user_code = user_code_of(observers, controller)
         self.name, self.scenario = named(scenario, set, trials, seed, self._user_code)
         self.loop = self.scenario.loop_names[0] if loop is None else loop
-        if self.loop not in self.scenario.loop_names:
+        if not isinstance(self.loop, str) or self.loop not in self.scenario.loop_names:
             raise NacsError(f"loop {loop!r}: no such loop; there are {', '.join(self.scenario.loop_names)}")
         with in_one_line():
             cost.check(self.scenario, self.scenario.run.trials)

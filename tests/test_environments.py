@@ -144,9 +144,9 @@ def test_actions_that_cannot_be_taken() -> None:
         many.step(np.zeros((2, 4)))
     with pytest.raises(nacs.NacsError, match="action is not finite"):
         many.step(np.full((2, 3), np.nan))
-    with pytest.raises(nacs.NacsError, match="num_envs = 0"):
+    with pytest.raises(nacs.NacsError, match="num_envs=0: must be a whole number"):
         nacs.environments.TrackingVectorEnv(0)
-    with pytest.raises(nacs.NacsError, match=r"seed = \[1, 2\]: must be one whole number"):
+    with pytest.raises(nacs.NacsError, match=r"seed=\[1, 2\]: must be a whole number"):
         many.reset(seed=[1, 2])
     with pytest.raises(nacs.NacsError, match="share a clock"):
         many.reset(options={"reset_mask": np.array([True, False])})

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -170,7 +172,7 @@ def test_campaign_cross_check_and_replay_hand_over_what_they_leave(nacs_command,
 WRONG = [
     (lambda: nacs.run(None), "scenario=None: must be a name"),
     (lambda: nacs.run("nacs/fault-free", set=["run.ticks"]), "must be a dictionary"),
-    (lambda: nacs.run("nacs/fault-free", set={5: 5}), "5 is no dotted key"),
+    (lambda: nacs.run("nacs/fault-free", set={5: 5}), "5 is no text"),
     (lambda: nacs.run("nacs/fault-free", observers=5), "must be a list"),
     (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step([1j, 0.0, 0.0]), "not complex128"),
     (lambda: nacs.Twin("nacs/fault-free", trials=2, set=SHORT).step(["1", "2", "3"]), "must be numbers"),
@@ -178,7 +180,22 @@ WRONG = [
     (lambda: nacs.run("nacs/disturbanse"), "did you mean nacs/disturbance"),
     (lambda: nacs.run("nacs/fault-free", set={"run.tiks": 3}), "run.tiks"),
     (lambda: nacs.run({"title": "t"}), "dictionary: "),
-    (lambda: nacs.run("nacs/fault-free", workers=0), "must be at least 1"),
+    (lambda: nacs.run("nacs/fault-free", workers=0), "workers=0: must be a whole number of at least 1"),
+    (lambda: nacs.run("nacs/fault-free", workers="3"), "workers='3': must be a whole number"),
+    (lambda: nacs.run("nacs/fault-free", trials=2.5), "trials=2.5: must be a whole number"),
+    (lambda: nacs.run("nacs/fault-free", trials=np.array([1, 2])), "must be a whole number"),
+    (lambda: nacs.Twin("nacs/fault-free", trials=True), "trials=True"),
+    (lambda: nacs.crosscheck(None), "scenario=None: must be a name or a path"),
+    (lambda: nacs.crosscheck(thresholds=5), "thresholds=5: must be a dictionary"),
+    (lambda: nacs.crosscheck(at=["x"]), "at='x': must be a number"),
+    (lambda: nacs.campaign(None), "file=None: must be a name or a path"),
+    (lambda: nacs.campaign("nacs-wheel-failure", trials="x"), "trials='x'"),
+    (lambda: nacs.replay("a.parquet", filters=5), "filters=5: must be a list"),
+    (lambda: nacs.linearize(at="x"), "at='x': must be a number"),
+    (lambda: nacs.margins(at=10**400), "must be a number"),
+    (lambda: nacs.export_fmu("nacs/fault-free", None), "file=None: must be a name or a path"),
+    (lambda: nacs.export_fmu("nacs/fault-free", "a.fmu", version=4), "there are 3, 2"),
+    (lambda: nacs.scenarios(None), "beginning=None"),
     (lambda: nacs.run("nacs/fault-free", workers=2, controller=Still), "workers=1"),
     (lambda: nacs.run("nacs/fault-free", controller=object()), "has no method step"),
     (lambda: nacs.run("nacs/fault-free", observers=[Still]), "has no method initial"),
@@ -289,3 +306,20 @@ def test_without_recorded_trials_metrics_are_there_and_older_files_go(tmp_path: 
 def test_scenarios_are_found_by_their_beginning() -> None:
     assert set(nacs.scenarios("nacs/wheel")) == {"nacs/wheel-failure"}
     assert len(nacs.scenarios()) > 50
+
+
+def test_numpys_numbers_are_numbers() -> None:
+    twin = nacs.Twin("nacs/fault-free", trials=np.int64(2), seed=np.int32(4), set={"run.ticks": np.int64(3), "phases": {}})
+    assert twin.truth.shape == (2, 11)
+    assert twin.scenario.run.seed == 4
+
+
+def test_workers_in_a_script_without_a_guard_are_told_before_any_is_started(tmp_path: Path) -> None:
+    script = tmp_path / "mine.py"
+    script.write_text(
+        'import nacs\ntry:\n    nacs.run("nacs/fault-free", trials=2, workers=2)\nexcept nacs.NacsError as wrong:\n    print(wrong)\n'
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert done.stdout == (
+        'workers=2: every worker would run mine.py again; put what it does under `if __name__ == "__main__":`, or say workers=1\n'
+    )
