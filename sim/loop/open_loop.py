@@ -184,7 +184,7 @@ def single_body(scenario: Any, loop: str | None = None) -> Scenario:
       BadInput: several agents, or no such loop.
     """
     if scenario.family != Scenario.family:
-        raise BadInput(f"{scenario.title}: has several agents; a scenario of one body is needed, such as nacs/fault-free")
+        raise BadInput("this scenario has several agents; one of a single body is needed, such as nacs/fault-free")
     singles: dict[str, Scenario] = scenario.singles()
     name = loop or scenario.loop_names[0]
     if name not in singles:
